@@ -1,0 +1,25 @@
+"""Contacts on an elastic half-space: what the forces on some do to the surface under the others.
+
+    ground = halfspace.HalfSpace(youngs_modulus, poissons_ratio)
+    w, slope = ground.displacement(x, f)                 # at contacts, by the others
+    ground.field(x, f, points)                           # depression anywhere
+    halfspace.solve(ground, x, overlap, law).force       # forces in equilibrium
+
+`halfspace.reference` holds closed-form solutions. SI units; depressions are positive downward.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from .ground import HalfSpace
+from .solve import Equilibrium, NotConverged, solve
+
+__all__ = ["Equilibrium", "HalfSpace", "NotConverged", "reference", "solve"]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "reference":
+        return importlib.import_module(".reference", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

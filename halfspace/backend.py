@@ -1,0 +1,59 @@
+"""Starts the kernel compiler, once and quietly; the only file that names it.
+
+Environment variables, read when this module is first imported:
+
+``HALFSPACE_BACKEND``    ``taichi`` (default) or ``quadrants``, its maintained fork
+``HALFSPACE_PRECISION``  ``double`` (default) or ``single``
+``HALFSPACE_THREADS``    threads of the parallel loops; default: every core
+"""
+
+import importlib
+import io
+import os
+from contextlib import redirect_stdout
+from typing import Any
+
+
+def _choice(variable: str, allowed: tuple[str, ...]) -> str:
+    value = os.environ.get(variable, allowed[0])
+    if value not in allowed:
+        raise ValueError(f"{variable} = {value}: must be one of {', '.join(allowed)}")
+    return value
+
+
+def _thread_count() -> int:
+    value = os.environ.get("HALFSPACE_THREADS", str(os.cpu_count() or 1))
+    if not value.isdigit() or int(value) < 1:
+        raise ValueError(f"HALFSPACE_THREADS = {value}: must be a whole number >= 1")
+    return int(value)
+
+
+BACKEND = _choice("HALFSPACE_BACKEND", ("taichi", "quadrants"))
+PRECISION = _choice("HALFSPACE_PRECISION", ("double", "single"))
+THREADS = _thread_count()
+
+
+for _name in ("TAICHI", "QUADRANTS"):
+    os.environ.setdefault(f"ENABLE_{_name}_HEADER_PRINT", "0")
+ti: Any = importlib.import_module(BACKEND)
+
+real = ti.f64 if PRECISION == "double" else ti.f32
+_started = False
+
+
+def start() -> None:
+    """Start the compiler if it has not been started; contraction and fast maths stay off, so that
+    the same code gives the same bits in every kernel."""
+    global _started
+    if _started:
+        return
+    with redirect_stdout(io.StringIO()):  # it would announce itself in the user's terminal
+        ti.init(
+            arch=ti.cpu,
+            default_fp=real,
+            default_ip=ti.i32,
+            fast_math=False,
+            cpu_max_num_threads=THREADS,
+            log_level=ti.ERROR,
+        )
+    _started = True

@@ -1,0 +1,119 @@
+"""The elastic half-space: what the forces on some contacts do to the surface under the others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from . import checks, direct, greens
+from .checks import Array
+
+
+@dataclass(frozen=True)
+class HalfSpace:
+    """An elastic substrate `z < 0`, loaded normally at points of its surface.
+
+    It stands for the substrate alone: `w_k = sum_{j != k} f_j / (pi E' r_kj)`, with
+    `E' = E/(1 - nu^2)` of the substrate, whatever presses on it. (In terms of the contact's
+    composite modulus `E*` that is `chi/(pi E* r)`, `chi = E*/E'`.) What a contact does to itself
+    belongs to the contact law. With `coupling="point"` the forces act at points.
+
+    youngs_modulus: Pa, > 0; poissons_ratio: -1 < nu <= 1/2; tolerance: the error allowed to fast
+    sums, of `f_rms/(pi E' spacing)` (direct sums are exact to rounding); coupling: "point"; period
+    and layer: None. Raises ValueError for arguments without sense, NotImplementedError for a
+    coupling, period or layer that there is not.
+    """
+
+    youngs_modulus: float
+    poissons_ratio: float
+    tolerance: float = 1e-4
+    coupling: str = "point"
+    period: Any = None
+    layer: Any = None
+
+    def __post_init__(self) -> None:
+        wanted = {
+            "youngs_modulus": "a number > 0 Pa",
+            "poissons_ratio": "a number with -1 < nu <= 0.5",
+            "tolerance": "a number between 0 and 1",
+        }
+        for name, words in wanted.items():
+            value = checks.number(name, getattr(self, name), words)
+            good = {
+                "youngs_modulus": value > 0,
+                "poissons_ratio": -1 < value <= 0.5,
+                "tolerance": 0 < value < 1,
+            }
+            if not good[name]:
+                raise ValueError(f"{name} = {value!r}: must be {words}")
+            object.__setattr__(self, name, value)
+        if self.coupling != "point":
+            known = self.coupling == "finite"
+            error = NotImplementedError if known else ValueError
+            raise error(f'coupling = {self.coupling!r}: available is "point"')
+        if self.period is not None:
+            raise NotImplementedError(
+                f"period = {self.period!r}: available is None, a half-space without bounds"
+            )
+        if self.layer is not None:
+            raise NotImplementedError(
+                f"layer = {self.layer!r}: available is None, a half-space of one material"
+            )
+
+    @property
+    def modulus(self) -> float:
+        """The plane-strain modulus `E' = E/(1 - nu^2)`, Pa."""
+        return greens.plane_strain_modulus(self.youngs_modulus, self.poissons_ratio)
+
+    def plan(self, x: ArrayLike, radius: ArrayLike | None = None) -> direct.DirectSum:
+        """The sums over one layout, for many sets of forces: `.apply(f)`,
+        `.slope(f)`.
+
+        x: (n, 2) m; radius: (n,) m or None, as for `displacement`.
+        """
+        x = checks.vectors("x", x)
+        a = None if radius is None else checks.radii("radius", radius, len(x))
+        return direct.DirectSum(x, self.modulus, a)
+
+    def displacement(
+        self, x: ArrayLike, f: ArrayLike, radius: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """Depression and slope of the surface at the contacts, by the forces on the OTHER contacts.
+
+        x: (n, 2) positions, m; f: (n,) normal forces, N, positive pressing down; radius: (n,)
+        contact radii, m, used by point coupling for coincident contacts alone (see
+        `halfspace.direct`). Returns
+
+        - w (n,), m: the depression, positive downward, >= 0 under forces that press;
+        - slope (n, 2): the gradient of the expansion `e = -w`, which is the gradient of the height
+          of the surface. It points uphill, away from loads. The normal of the surface is
+          `(-slope, 1)`, so that the force along it on sphere k has the lateral part
+          `-f_k slope_k`: downhill, into the dents of the others. That is `-dU/dx_k` of the
+          energy `E_c = 1/2 sum f_j f_k/(pi E' r)` at constant overlap.
+
+        Raises ValueError for wrong shapes and values that are not finite.
+        """
+        plan = self.plan(x, radius)
+        f = checks.scalars("f", f, len(plan.x))
+        return plan.displacement(f)
+
+    def field(
+        self, x: ArrayLike, f: ArrayLike, points: ArrayLike, radius: ArrayLike | None = None
+    ) -> Array:
+        """Depression (m,), m, positive downward, at any `points` (m, 2), by ALL the forces.
+
+        x: (n, 2) m; f: (n,) N; radius: (n,) contact radii, m: each force is then a Hertz pressure
+        over its contact, and the depression is finite everywhere (K. L. Johnson, Contact Mechanics,
+        1985, eqs 3.41a, 3.42a). Without, the forces are points, and where one of them acts the
+        depression is infinite. Raises ValueError as `displacement` does.
+        """
+        x, points = checks.vectors("x", x), checks.vectors("points", points)
+        f = checks.scalars("f", f, len(x))
+        a = None if radius is None else checks.radii("radius", radius, len(x))
+        return direct.field(x, f, points, self.modulus, a)
+
+    def matrix(self, x: ArrayLike, radius: ArrayLike | None = None) -> Array:
+        """The dense influence matrix (n, n), m/N, with `w = C f`; symmetric, zero diagonal."""
+        return self.plan(x, radius).matrix()

@@ -1,0 +1,93 @@
+"""The contacts that can touch before the next rebuild, their history and their forces.
+
+Contacts stand in the order of their first particle (a CSR layout); the second is a particle, the
+substrate or a face.  The history is the union of what the laws declare; it is kept under the ids of
+the two bodies, so that no reordering can lose it.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from taichi_dem.types import real, ti, vec3
+
+SUBSTRATE = -1  # body number of the half-space; face f of the boundaries is -2 - f
+FIRST_FACE = -2
+
+Ends = ti.types.struct(i=ti.i32, j=ti.i32)
+Result = ti.types.struct(
+    force=vec3,  # on i
+    couple=vec3,  # normal x tangential force: its torque is -arm * couple on i and on j alike
+    half_overlap=real,  # the arm of a sphere is its radius less this
+    touching=ti.i32,
+)
+
+
+@ti.data_oriented
+class ContactList:
+    """Fields of at most ``capacity`` contacts of ``particles`` particles.
+
+    ends         first particle, second particle or body number
+    result       what the contact does to the two
+    history      what the laws remember of the contact (absent if they remember nothing)
+    dissipated   energy lost in the contact so far, J (absent if nothing dissipates)
+    start        (particles + 1) first contact of each first particle
+    incidence    contacts of each particle, 2 p, or 2 p + 1 where it is the second, in the order of
+                 the partner's id: sums do not depend on the order of the list
+    """
+
+    def __init__(
+        self,
+        particles: int,
+        capacity: int,
+        history: Mapping[str, Any],
+        dissipates: bool,
+    ):
+        self.particles, self.capacity, self.names = particles, capacity, tuple(history)
+        self.has_history, self.dissipates = bool(history), dissipates
+        builder = ti.FieldsBuilder()
+        self.ends, self.result = Ends.field(), Result.field()
+        self.start, self.incidence_start = ti.field(ti.i32), ti.field(ti.i32)
+        self.incidence = ti.field(ti.i32)
+        builder.dense(ti.i, capacity).place(self.ends)
+        builder.dense(ti.i, capacity).place(self.result)
+        builder.dense(ti.i, particles + 1).place(self.start, self.incidence_start)
+        builder.dense(ti.i, 2 * capacity).place(self.incidence)
+        # Without history the laws still get a struct, which the compiler drops.
+        self.History = ti.types.struct(**(history or {"nothing": ti.i32}))
+        if history:
+            self.history, self.old_history = self.History.field(), self.History.field()
+            self.old_partner, self.old_start = ti.field(ti.i32), ti.field(ti.i32)
+            self.old_end = ti.field(ti.i32)
+            builder.dense(ti.i, capacity).place(self.history)
+            builder.dense(ti.i, capacity).place(self.old_history, self.old_partner)
+            builder.dense(ti.i, particles).place(self.old_start, self.old_end)
+        if dissipates:
+            self.dissipated = ti.field(real)
+            builder.dense(ti.i, capacity).place(self.dissipated)
+        self.tree = builder.finalize()
+
+    def count(self) -> int:
+        """How many contacts are on the list, touching or not."""
+        return int(self.start[self.particles])
+
+    def remembered(self, which: np.ndarray) -> dict[str, np.ndarray]:
+        """The history of the contacts ``which``, by name."""
+        if not self.has_history:
+            return {}
+        values = self.history.to_numpy()
+        return {name: values[name][which] for name in self.names}
+
+    def inherit(self, other: "ContactList") -> None:
+        """Take over what a smaller list has on file."""
+        _copy_file(other, self)
+
+
+@ti.kernel
+def _copy_file(old: ti.template(), new: ti.template()):
+    for i in range(old.particles):
+        new.old_start[i], new.old_end[i] = old.old_start[i], old.old_end[i]
+    for p in range(old.capacity):
+        new.old_partner[p] = old.old_partner[p]
+        new.old_history[p] = old.old_history[p]

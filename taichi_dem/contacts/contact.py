@@ -1,0 +1,67 @@
+"""What a law sees of one contact, and what a normal law gives back.
+
+Conventions: ``normal`` points from j to i, ``overlap`` is positive when touching,
+``normal_velocity`` is positive when separating, and a force acts on i.  A boundary is a body of
+zero curvature and zero inverse mass: no law needs to know whether j is one.
+"""
+
+from taichi_dem.types import real, ti, vec3
+
+Contact = ti.types.struct(
+    normal=vec3,
+    overlap=real,
+    normal_velocity=real,
+    tangential_velocity=vec3,  # of i against j at the contact point, rotation included
+    spin=real,  # mean angular velocity of the two bodies about the normal
+    effective_radius=real,  # 1/R* = 1/R_i + 1/R_j
+    effective_mass=real,  # 1/m* = 1/m_i + 1/m_j
+    time_step=real,
+)
+
+NormalForce = ti.types.struct(
+    total=real,
+    elastic=real,
+    stiffness=real,  # tangent of the elastic part, d elastic / d overlap
+    damping=real,  # total = elastic - damping * normal_velocity
+)
+
+
+@ti.func
+def meet(
+    normal: vec3,
+    overlap: real,
+    velocity: vec3,
+    surface_spin: vec3,
+    spin: real,
+    effective_radius: real,
+    effective_mass: real,
+    time_step: real,
+) -> Contact:
+    """Contact of two bodies whose centres move at ``velocity`` relative to each other;
+    ``surface_spin`` is a_i w_i + a_j w_j, with a the distance from centre to contact point."""
+    normal_velocity = velocity.dot(normal)
+    return Contact(
+        normal=normal,
+        overlap=overlap,
+        normal_velocity=normal_velocity,
+        tangential_velocity=velocity - normal_velocity * normal - surface_spin.cross(normal),
+        spin=spin,
+        effective_radius=effective_radius,
+        effective_mass=effective_mass,
+        time_step=time_step,
+    )
+
+
+@ti.func
+def at_rest(overlap: real, effective_radius: real, effective_mass: real) -> Contact:
+    """A contact without motion, for evaluating a law as a function of its overlap."""
+    return Contact(
+        normal=vec3(0.0, 0.0, 1.0),
+        overlap=overlap,
+        normal_velocity=0.0,
+        tangential_velocity=vec3(0.0),
+        spin=0.0,
+        effective_radius=effective_radius,
+        effective_mass=effective_mass,
+        time_step=0.0,
+    )

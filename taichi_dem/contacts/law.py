@@ -1,0 +1,76 @@
+"""Composition of laws: one normal law, and the effects that the scene calls for beside it."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from taichi_dem.contacts.hertz import Hertz
+from taichi_dem.contacts.hooke import Hooke
+from taichi_dem.contacts.mindlin import Mindlin
+from taichi_dem.validation import InputError, Problem
+
+LAWS: dict[str, dict[str, type]] = {
+    "normal": {"Hertz": Hertz, "Hooke": Hooke},
+    "tangential": {"Mindlin": Mindlin},
+    "rolling": {},
+    "surface": {},
+}
+
+
+@dataclass(frozen=True)
+class Law:
+    """The contact law of a scene.
+
+    ``pairs`` maps two material names to laws of the same classes with other parameters:
+    ``pairs={("glass", "gel"): {"tangential": Mindlin(friction=0.8)}}``.
+
+    Raises ``InputError`` for a law in the wrong place or a pair whose law is of another class.
+    """
+
+    normal: Any
+    tangential: Any = None
+    rolling: Any = None
+    surface: Any = None
+    pairs: Mapping[tuple[str, str], Mapping[str, Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        problems = [p for slot in LAWS for p in self._slot_problems(slot)]
+        problems += [
+            p for names, laws in self.pairs.items() for p in self._pair_problems(names, laws)
+        ]
+        if problems:
+            raise InputError(problems)
+
+    def parts(self) -> dict[str, Any]:
+        """The laws in use: slot name to law."""
+        return {slot: getattr(self, slot) for slot in LAWS if getattr(self, slot) is not None}
+
+    def between(self, slot: str, first: str, second: str) -> Any:
+        """The law of ``slot`` for materials named ``first`` and ``second``, in either order."""
+        for names in ((first, second), (second, first)):
+            if slot in self.pairs.get(names, {}):
+                return self.pairs[names][slot]
+        return getattr(self, slot)
+
+    def _slot_problems(self, slot: str) -> Iterable[Problem]:
+        law, allowed = getattr(self, slot), LAWS[slot]
+        if isinstance(law, tuple(allowed.values())) or (law is None and slot != "normal"):
+            return
+        names = ", ".join(allowed) or "left out (none is available yet)"
+        yield Problem(slot, law, f"must be {'one of ' if allowed else ''}{names}")
+
+    def _pair_problems(self, names: Any, laws: Any) -> Iterable[Problem]:
+        path = f"pairs[{names!r}]"
+        if not (isinstance(names, tuple) and len(names) == 2):
+            yield Problem(path, names, "must be a pair of material names")
+            return
+        if names != names[::-1] and names[::-1] in self.pairs and names > names[::-1]:
+            yield Problem(path, names, "is given twice, in both orders")
+        for slot, law in laws.items():
+            general = getattr(self, slot, None) if slot in LAWS else None
+            if general is None:
+                used = ", ".join(self.parts())
+                yield Problem(f"{path}.{slot}", law, f"must name a law in use: {used}")
+            elif type(law) is not type(general):
+                expected = type(general).__name__
+                yield Problem(f"{path}.{slot}", law, f"must be {expected}, as for all pairs")

@@ -1,0 +1,150 @@
+"""Two drivers over the same functions: one serial task of many steps, or parallel loops.
+
+Both give the same bits, so which one runs may be decided by a stopwatch.  A step between two forces
+is: surface, contacts, boundaries, particles; a run begins with a half kick and a drift and ends
+with forces and a half kick.
+"""
+
+from typing import Any
+
+from taichi_dem.boundaries import Boundaries
+from taichi_dem.forces import STALE, Forces
+from taichi_dem.integrate import Verlet
+from taichi_dem.types import ti
+
+
+@ti.data_oriented
+class Drivers:
+    """Kernels that move a simulation on; ``exchange`` is the coupled substrate or None."""
+
+    def __init__(
+        self,
+        forces: Forces,
+        verlet: Verlet,
+        boundaries: Boundaries,
+        exchange: Any,
+        step: "ti.Field",
+        time_step: "ti.Field",
+        flags: "ti.Field",
+    ):
+        self.forces, self.verlet, self.boundaries = forces, verlet, boundaries
+        self.exchange, self.has_exchange = exchange, exchange is not None
+        self.particles, self.contacts = forces.particles, forces.contacts
+        self.step, self.time_step, self.flags = step, time_step, flags
+        self.moves = boundaries.any_moves
+
+    # -- the parts of a step ---------------------------------------------------------------------
+
+    @ti.func
+    def surface(self):
+        if ti.static(self.has_exchange):
+            if self.exchange.on_host[None] == 0:
+                self.exchange.update()
+
+    @ti.func
+    def settle_boundaries(self):
+        if ti.static(self.moves):
+            for b in range(self.boundaries.count):
+                if self.boundaries.motion[b].moves != 0:
+                    push = self.boundaries.push_on(b, self.contacts)
+                    self.boundaries.settle(b, push, self.time_step[None])
+
+    @ti.func
+    def carry_boundaries(self):
+        self.step[None] += 1
+        if ti.static(self.moves):
+            for b in range(self.boundaries.count):
+                self.boundaries.kick(b, self.time_step[None])
+            time = ti.cast(self.step[None], ti.f64) * self.time_step[None]
+            gone = self.boundaries.drift(time, self.time_step[None])
+            if not (gone < 0.5 * self.verlet.skin[None]):
+                self.flags[STALE] = 1
+
+    @ti.func
+    def move(self, i):
+        """The second half kick of a step, the first of the next, and its drift."""
+        time_step = self.time_step[None]
+        force, torque = self.forces.gather(i)
+        self.verlet.kick(i, force, torque, time_step)
+        self.verlet.kick(i, force, torque, time_step)
+        self.verlet.drift(i, time_step)
+
+    @ti.func
+    def calls_host(self):
+        return self.flags[0] + self.flags[1] + self.flags[2]
+
+    # -- the drivers -----------------------------------------------------------------------------
+
+    @ti.kernel
+    def serial(self, steps: ti.i32) -> ti.i32:
+        """At most ``steps`` steps in one task; returns how many were made before the host is
+        needed."""
+        made = 0
+        while made < steps and self.calls_host() == 0:
+            self.surface()
+            for p in range(self.contacts.start[self.particles.count]):
+                self.forces.evaluate(p, self.time_step[None])
+            self.settle_boundaries()
+            self.carry_boundaries()
+            for i in range(self.particles.count):
+                self.move(i)
+            made += 1
+        return made
+
+    @ti.kernel
+    def parallel(self) -> ti.i32:
+        """One step in parallel loops; returns whether the host is needed."""
+        self.surface()
+        for p in range(self.contacts.start[self.particles.count]):
+            self.forces.evaluate(p, self.time_step[None])
+        self.settle_boundaries()
+        self.carry_boundaries()
+        for i in range(self.particles.count):
+            self.move(i)
+        return self.calls_host()
+
+    def loop(self, steps: int) -> int:
+        """As :meth:`serial`, in parallel loops."""
+        for made in range(1, steps + 1):
+            if self.parallel() != 0:
+                return made
+        return steps
+
+    # -- the ends of a run -----------------------------------------------------------------------
+
+    @ti.kernel
+    def begin(self):
+        """First half kick and drift, with the forces of the present state."""
+        time_step = self.time_step[None]
+        for i in range(self.particles.count):
+            load = self.particles.load[i]
+            self.verlet.kick(i, load.force, load.torque, time_step)
+            self.verlet.drift(i, time_step)
+        self.carry_boundaries()
+
+    @ti.kernel
+    def evaluate(self, time_step: ti.f64):
+        """Forces of the present state, ``time_step`` after the last ones (0: of a state at rest
+        in its history)."""
+        self.surface()
+        for p in range(self.contacts.start[self.particles.count]):
+            self.forces.evaluate(p, time_step)
+        for i in range(self.particles.count):
+            force, torque = self.forces.gather(i)
+            self.particles.load[i].force = force
+            self.particles.load[i].torque = torque
+
+    @ti.kernel
+    def finish(self):
+        """Second half kick, with the forces of the present state."""
+        self.settle_boundaries()
+        for i in range(self.particles.count):
+            load = self.particles.load[i]
+            self.verlet.kick(i, load.force, load.torque, self.time_step[None])
+
+    @ti.kernel
+    def note_pushes(self):
+        """The boundaries' forces of a state that no step has led to."""
+        if ti.static(self.moves):
+            for b in range(self.boundaries.count):
+                self.boundaries.motion[b].push = self.boundaries.push_on(b, self.contacts)

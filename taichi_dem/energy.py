@@ -1,0 +1,75 @@
+"""Where the energy of a simulation is, and whether all of it is accounted for."""
+
+from typing import Any
+
+import numpy as np
+
+from taichi_dem.boundaries import Boundaries
+from taichi_dem.forces import Forces
+from taichi_dem.types import ti
+
+
+@ti.data_oriented
+class Energy:
+    """Sums over particles and contacts, each in one serial task: the same bits for any threads."""
+
+    def __init__(self, forces: Forces, exchange: Any, boundaries: Boundaries):
+        self.forces, self.contacts, self.particles = forces, forces.contacts, forces.particles
+        self.exchange, self.coupled = exchange, exchange is not None
+        self.boundaries = boundaries
+
+    def parts(self, gravity: np.ndarray, lost_before: float) -> dict[str, float]:
+        """J, by part; ``lost_before`` is what contacts that are off the list have dissipated."""
+        sums = np.zeros(6)
+        self._sum(sums, gravity)
+        motion = [self.boundaries.motion[b] for b in range(self.boundaries.count)]
+        plates = sum(0.5 * m.speed**2 / m.inverse_mass for m in motion if m.inverse_mass > 0)
+        parts = {
+            "kinetic": sums[0] + plates,
+            "gravity": sums[1],
+            "normal": sums[2],
+            "tangential": sums[3],
+            "substrate": sums[4],
+            "dissipated": lost_before + sums[5],
+            "external_work": float(sum(m.work for m in motion)),
+        }
+        absent = (not self.forces.rubs, not self.coupled, not self.contacts.dissipates)
+        for name, missing in zip(("tangential", "substrate", "dissipated"), absent, strict=True):
+            if missing:
+                del parts[name]
+        return parts
+
+    @ti.kernel
+    def _sum(self, sums: ti.types.ndarray(), gravity: ti.types.ndarray()):
+        ti.loop_config(serialize=True)
+        for row in range(self.particles.count):
+            i = self.particles.index_of[row]
+            body, omega = self.particles.body[i], self.particles.spin[i].omega
+            mass = 1.0 / body.inverse_mass
+            inertia = 0.4 * mass * body.radius * body.radius
+            sums[0] += 0.5 * mass * body.velocity.dot(body.velocity)
+            sums[0] += 0.5 * inertia * omega.dot(omega)
+            for axis in ti.static(range(3)):
+                sums[1] -= mass * gravity[axis] * body.position[axis]
+            if ti.static(self.coupled):
+                ground = self.exchange.ground[i]
+                sums[4] -= 0.5 * ground.force * ground.expansion
+        ti.loop_config(serialize=True)
+        for p in range(self.contacts.start[self.particles.count]):
+            if self.contacts.result[p].touching != 0:
+                stored = self.forces.stored(p)
+                sums[2] += stored[0]
+                sums[3] += stored[1]
+            if ti.static(self.contacts.dissipates):
+                sums[5] += self.contacts.dissipated[p]
+
+    @ti.kernel
+    def take_dissipated(self) -> ti.f64:
+        """What the contacts have dissipated, taken off them before the list is made anew."""
+        total = ti.cast(0.0, ti.f64)
+        ti.loop_config(serialize=True)
+        for p in range(self.contacts.start[self.particles.count]):
+            if ti.static(self.contacts.dissipates):
+                total += self.contacts.dissipated[p]
+                self.contacts.dissipated[p] = 0.0
+        return total

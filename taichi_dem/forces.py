@@ -1,0 +1,218 @@
+"""The force kernel, composed from a scene's laws: what is absent is not compiled.
+
+Two functions make a step: :meth:`Forces.evaluate` for each contact, :meth:`Forces.gather` for each
+particle.  Walls and spheres differ in their geometry alone; every law is called in one place.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from taichi_dem.boundaries import Boundaries
+from taichi_dem.contact_list import FIRST_FACE, SUBSTRATE, ContactList
+from taichi_dem.contacts.contact import at_rest, meet
+from taichi_dem.contacts.law import Law
+from taichi_dem.material import Material
+from taichi_dem.particles import Particles
+from taichi_dem.types import real, ti, vec2, vec3
+
+STALE, TOO_DEEP, UNSOLVED = range(3)  # reasons to go back to the host
+
+
+def history_of(law: Law) -> dict[str, Any]:
+    """What the contacts must remember: the union of what the laws declare."""
+    return {name: kind for part in law.parts().values() for name, kind in part.history}
+
+
+class Coefficients:
+    """Per pair of materials, the numbers that one law computes with."""
+
+    def __init__(self, law: Law, slot: str, materials: Sequence[Material]):
+        self._law, self._slot, self._materials = law, slot, materials
+        names = getattr(law, slot).coefficient_names
+        self.table = ti.Struct.field(dict.fromkeys(names, real))
+
+    def between(self, a: Material, b: Material) -> Mapping[str, float]:
+        """The coefficients of materials ``a`` and ``b``."""
+        return self._law.between(self._slot, a.name, b.name).coefficients(a, b)
+
+    def fill(self) -> None:
+        """Write the table, after it has been placed."""
+        for row, a in enumerate(self._materials):
+            for column, b in enumerate(self._materials):
+                self.table[row, column] = dict(self.between(a, b))
+
+
+@ti.data_oriented
+class Forces:
+    """Contact forces of ``particles`` under ``law``.
+
+    flags        (3,) what made a contact call the host: STALE, TOO_DEEP, UNSOLVED
+    deepest      share of the smaller radius beyond which an overlap stops the run
+    """
+
+    def __init__(
+        self,
+        law: Law,
+        coefficients: Mapping[str, Coefficients],
+        particles: Particles,
+        boundaries: Boundaries,
+        contacts: ContactList,
+        substrate: Any,
+        substrate_material: int,
+        flags: "ti.Field",
+        deepest: "ti.Field",
+    ):
+        self.particles, self.boundaries, self.contacts = particles, boundaries, contacts
+        self.normal, self.tangential = law.normal, law.tangential
+        self.normal_table = coefficients["normal"].table
+        self.rubs = law.tangential is not None
+        if self.rubs:
+            self.tangential_table = coefficients["tangential"].table
+        self.has_substrate = substrate_material >= 0
+        self.coupled = substrate is not None
+        self.substrate, self.substrate_material = substrate, substrate_material
+        self.has_faces = boundaries.face_count > 0
+        self.flags, self.deepest = flags, deepest
+
+    @ti.func
+    def evaluate(self, p, time_step):
+        """Force, couple and history of contact ``p``."""
+        i, j = self.contacts.ends[p].i, self.contacts.ends[p].j
+        body, spin = self.particles.body[i], self.particles.spin[i]
+        other, face = j, FIRST_FACE - j
+        normal, overlap, velocity = vec3(0.0), -1.0, body.velocity
+        surface_spin, mean_spin = vec3(0.0), 0.5 * spin.omega
+        radius, mass = body.radius, 0.0
+        smaller, material = body.radius, 0
+        lateral = vec3(0.0)
+        if j >= 0:
+            partner = self.particles.body[j]
+            separation = body.position - partner.position
+            reach = body.radius + partner.radius
+            square = separation.dot(separation)
+            if square < reach * reach:
+                distance = ti.sqrt(square)
+                normal = separation / distance
+                overlap = reach - distance
+                velocity -= partner.velocity
+                omega = self.particles.spin[j].omega
+                surface_spin = (partner.radius - 0.5 * overlap) * omega
+                mean_spin += 0.5 * omega
+                radius = body.radius * partner.radius / reach
+                mass = 1.0 / (body.inverse_mass + partner.inverse_mass)
+                smaller = ti.min(body.radius, partner.radius)
+                material = self.particles.spin[j].material
+        else:
+            mass = 1.0 / body.inverse_mass
+            if ti.static(self.has_substrate):
+                if j == SUBSTRATE:
+                    normal = vec3(0.0, 0.0, 1.0)
+                    overlap = body.radius - body.position[2]
+                    material = self.substrate_material
+                    if ti.static(self.coupled):
+                        overlap += self.substrate.ground[i].expansion
+            if ti.static(self.has_faces):
+                if j <= FIRST_FACE:
+                    wall = self.boundaries.face[face]
+                    normal = wall.normal
+                    overlap = body.radius - (body.position - wall.point).dot(normal)
+                    velocity -= wall.velocity
+                    material = wall.material
+
+        if overlap > 0.0:
+            surface_spin += (body.radius - 0.5 * overlap) * spin.omega
+            contact = meet(
+                normal,
+                overlap,
+                velocity,
+                surface_spin,
+                mean_spin.dot(normal),
+                radius,
+                mass,
+                time_step,
+            )
+            self.apply_laws(p, contact, spin.material, material)
+            if ti.static(self.coupled):
+                if j == SUBSTRATE:
+                    self.contacts.result[p].force += self.substrate.lateral_force(i)
+            if overlap > self.deepest[None] * smaller:
+                self.flags[TOO_DEEP] = 1
+        elif self.contacts.result[p].touching != 0:
+            self.open(p)
+
+    @ti.func
+    def apply_laws(self, p, contact, first, second):
+        """Every law of the scene, on a contact of materials ``first`` and ``second``."""
+        history = self.contacts.History()
+        if ti.static(self.contacts.has_history):
+            history = self.contacts.history[p]
+        normal = self.normal.force(contact, self.normal_table[first, second], history)
+        force, couple = normal.total * contact.normal, vec3(0.0)
+        lost = (normal.elastic - normal.total) * contact.normal_velocity * contact.time_step
+        if ti.static(self.rubs):
+            before = self.tangential.energy(history)
+            friction = self.tangential.force(
+                contact, normal, self.tangential_table[first, second], history
+            )
+            force += friction
+            couple = contact.normal.cross(friction)
+            work = friction.dot(contact.tangential_velocity) * contact.time_step
+            lost -= work + self.tangential.energy(history) - before
+        if ti.static(self.contacts.has_history):
+            self.contacts.history[p] = history
+        if ti.static(self.contacts.dissipates):
+            self.contacts.dissipated[p] += lost
+        self.contacts.result[p].force = force
+        self.contacts.result[p].couple = couple
+        self.contacts.result[p].half_overlap = 0.5 * contact.overlap
+        self.contacts.result[p].touching = 1
+
+    @ti.func
+    def open(self, p):
+        """A contact ends: it forgets, and what its spring still held is lost."""
+        self.contacts.result[p].touching = 0
+        if ti.static(self.contacts.has_history):
+            if ti.static(self.rubs and self.contacts.dissipates):
+                self.contacts.dissipated[p] += self.tangential.energy(self.contacts.history[p])
+            self.contacts.history[p] = self.contacts.History()
+
+    @ti.func
+    def stored(self, p):
+        """Elastic energy of a touching contact, normal and tangential, J."""
+        i, j = self.contacts.ends[p].i, self.contacts.ends[p].j
+        body = self.particles.body[i]
+        radius, material = body.radius, 0
+        if j >= 0:
+            other = self.particles.body[j].radius
+            radius *= other / (body.radius + other)
+            material = self.particles.spin[j].material
+        elif j == SUBSTRATE:
+            material = self.substrate_material
+        else:
+            material = self.boundaries.face[FIRST_FACE - j].material
+        history, energy = self.contacts.History(), vec2(0.0)
+        if ti.static(self.contacts.has_history):
+            history = self.contacts.history[p]
+        contact = at_rest(2.0 * self.contacts.result[p].half_overlap, radius, 1.0)
+        k = self.normal_table[self.particles.spin[i].material, material]
+        energy[0] = self.normal.energy(contact, k, history)
+        if ti.static(self.rubs):
+            energy[1] = self.tangential.energy(history)
+        return energy
+
+    @ti.func
+    def gather(self, i):
+        """Force and torque on particle ``i``, summed in the order of its partners' ids."""
+        force, torque, radius = vec3(0.0), vec3(0.0), self.particles.body[i].radius
+        for q in range(self.contacts.incidence_start[i], self.contacts.incidence_start[i + 1]):
+            entry = self.contacts.incidence[q]
+            p = entry >> 1
+            if self.contacts.result[p].touching != 0:
+                if entry & 1 == 1:
+                    force -= self.contacts.result[p].force
+                else:
+                    force += self.contacts.result[p].force
+                if ti.static(self.rubs):
+                    arm = radius - self.contacts.result[p].half_overlap
+                    torque -= arm * self.contacts.result[p].couple
+        return force, torque

@@ -1,0 +1,78 @@
+"""What stops a run before it computes nonsense, and the words for it."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from taichi_dem.particles import Particles
+from taichi_dem.types import real, ti
+
+FARTHEST_STEP = 0.25  # of its radius that a sphere may move in one step
+
+
+class SimulationStopped(RuntimeError):
+    """The run was stopped; what was computed before is kept.
+
+    ``last_good`` holds time, step, position, velocity and omega of the last state that was known
+    to be sound; ``particle`` is the sphere that gave the reason, or None.
+    """
+
+    def __init__(self, message: str, particle: int | None, last_good: dict[str, Any]):
+        super().__init__(message)
+        self.particle, self.last_good = particle, last_good
+
+
+@ti.kernel
+def first_offender(particles: ti.template(), time_step: real) -> ti.i32:
+    """The first id whose numbers are not finite or which moves too far in a step, or -1."""
+    offender = -1
+    ti.loop_config(serialize=True)
+    for row in range(particles.count):
+        body = particles.body[particles.index_of[row]]
+        step = time_step * body.velocity.norm()
+        finite = body.position.norm() < math.inf
+        if offender < 0 and not (finite and step < FARTHEST_STEP * body.radius):
+            offender = row
+    return offender
+
+
+def describe_offender(particles: Particles, row: int, time_step: float) -> str:
+    """Why :func:`first_offender` found sphere ``row``."""
+    state = particles.read()
+    position, velocity = state["position"][row], state["velocity"][row]
+    if not (np.isfinite(position).all() and np.isfinite(velocity).all()):
+        return (
+            f"sphere {row} is at {_point(position)} with velocity {_point(velocity)} m/s: not a "
+            "number. Two centres may have met, or the time step may be too large"
+        )
+    return (
+        f"sphere {row} at {_point(position)} m moves {np.linalg.norm(velocity) * time_step:.3g} m "
+        f"in one step at {np.linalg.norm(velocity):.3g} m/s, more than {FARTHEST_STEP:g} of its "
+        "radius: it could pass through others. Try a smaller time step"
+    )
+
+
+def describe_deepest(records: np.ndarray, radius: np.ndarray, limit: float) -> tuple[int, str]:
+    """The sphere and the words for the deepest of the contacts."""
+    i, j = records["i"], records["j"]
+    smaller = np.where(j >= 0, np.minimum(radius[i], radius[np.maximum(j, 0)]), radius[i])
+    share = records["overlap"] / smaller
+    k = int(np.argmax(share))
+    other = (
+        f"sphere {j[k]}"
+        if j[k] >= 0
+        else "the substrate"
+        if j[k] == -1
+        else f"boundary {-2 - j[k]}"
+    )
+    return int(i[k]), (
+        f"sphere {i[k]} overlaps {other} by {records['overlap'][k]:.3g} m at "
+        f"{_point(records['position'][k])} m, {share[k]:.2g} of the smaller radius (limit "
+        f"{limit:g}): the model of small strains fails. Try a smaller time step, stiffer material, "
+        "lower speed or load, or raise max_overlap"
+    )
+
+
+def _point(values: np.ndarray) -> str:
+    return "(" + ", ".join(f"{value:.4g}" for value in values) + ")"

@@ -1,0 +1,49 @@
+"""Velocity Verlet: half kick, drift, forces, half kick.
+
+Source: L. Verlet, Phys. Rev. 159 (1967) 98; W. C. Swope et al., J. Chem. Phys. 76 (1982) 637.
+Damping sees the velocities at the half step.  Between two forces a particle takes two half kicks
+and a drift; they are kept apart so that a run gives the same bits however it is cut into pieces.
+"""
+
+from taichi_dem.forces import STALE
+from taichi_dem.particles import Particles
+from taichi_dem.types import ti
+
+
+@ti.data_oriented
+class Verlet:
+    """Moves ``particles``; ``reference`` is where they were when the contact list was built."""
+
+    def __init__(
+        self,
+        particles: Particles,
+        reference: "ti.Field",
+        skin: "ti.Field",
+        gravity: "ti.Field",
+        flags: "ti.Field",
+        rotates: bool,
+    ):
+        self.particles, self.reference, self.skin = particles, reference, skin
+        self.gravity, self.flags, self.rotates = gravity, flags, rotates
+
+    @ti.func
+    def kick(self, i, force, torque, time_step):
+        """Half a step of the velocities under ``force`` and ``torque``."""
+        body = self.particles.body[i]
+        acceleration = force * body.inverse_mass + self.gravity[0]
+        self.particles.body[i].velocity = body.velocity + 0.5 * time_step * acceleration
+        if ti.static(self.rotates):
+            inverse_inertia = 2.5 * body.inverse_mass / (body.radius * body.radius)
+            self.particles.spin[i].omega += 0.5 * time_step * inverse_inertia * torque
+
+    @ti.func
+    def drift(self, i, time_step):
+        """A step of the position; the list is stale once somebody has gone half the skin.
+        (Written so that not-a-number counts as gone.)"""
+        body = self.particles.body[i]
+        position = body.position + time_step * body.velocity
+        self.particles.body[i].position = position
+        moved = position - self.reference[i]
+        limit = 0.5 * self.skin[None]
+        if not (moved.dot(moved) < limit * limit):
+            self.flags[STALE] = 1

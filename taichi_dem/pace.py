@@ -1,0 +1,61 @@
+"""What is tuned while a simulation runs: the skin, by counts; the driver, by the clock."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+SERIAL_BELOW = 2000  # particles: threads never pay
+PARALLEL_ABOVE = 200_000  # they always do
+TRIAL_STEPS = 20
+
+
+class Skin:
+    """How far beyond touching the contact list reaches.
+
+    A thick skin makes the list long, a thin one makes it stale soon.  The width follows from how
+    many steps the lists have lasted: counts, so that every run does the same.
+    """
+
+    def __init__(self, radius: np.ndarray):
+        diameter = 2 * float(np.quantile(radius, 0.1))
+        self.width, self._least, self._most = 0.1 * diameter, 0.04 * diameter, 0.4 * diameter
+        cost = 4 + 3000 / len(radius)  # of a rebuild, in steps
+        self._short, self._long = 8 * cost, 40 * cost
+        self._built_at = 0
+
+    def rebuilt(self, step: int) -> bool:
+        """Note a rebuild at ``step``; whether the width has changed."""
+        lasted, self._built_at, before = step - self._built_at, step, self.width
+        if lasted < self._short:
+            self.width = min(1.25 * self.width, self._most)
+        elif lasted > self._long:
+            self.width = max(self.width / 1.25, self._least)
+        return self.width != before
+
+
+class Pace:
+    """Chooses between two ways to make the same steps by timing both."""
+
+    def __init__(self, particles: int, threads: int, asked: str):
+        self.driver = asked
+        if asked == "auto" and (threads == 1 or particles < SERIAL_BELOW):
+            self.driver = "serial"
+        elif asked == "auto" and particles > PARALLEL_ABOVE:
+            self.driver = "parallel"
+        self._cost: dict[str, float] = {}
+
+    def advance(self, steps: int, ways: dict[str, Callable[[int], int]]) -> int:
+        """Make at most ``steps`` steps; returns how many were made."""
+        if self.driver != "auto":
+            return ways[self.driver](steps)
+        name = "serial" if len(self._cost) % 2 == 0 else "parallel"
+        ways[name](1)  # compiled, and with warm caches
+        if steps == 1:
+            return 1
+        start = time.perf_counter()
+        made = ways[name](min(steps - 1, TRIAL_STEPS))
+        self._cost[name] = (time.perf_counter() - start) / max(made, 1)
+        if len(self._cost) == 2:
+            self.driver = min(self._cost, key=self._cost.__getitem__)
+        return 1 + made

@@ -1,0 +1,118 @@
+"""The particle fields, and their way to and from NumPy in the order the user gave."""
+
+import numpy as np
+
+from taichi_dem.scene import Spheres
+from taichi_dem.types import real, ti, vec3
+
+# What one contact reads of a particle shares a cache line.
+Body = ti.types.struct(position=vec3, radius=real, velocity=vec3, inverse_mass=real)
+Spin = ti.types.struct(omega=vec3, material=ti.i32, id=ti.i32)
+Load = ti.types.struct(force=vec3, torque=vec3)
+
+
+@ti.data_oriented
+class Particles:
+    """Fields of ``count`` particles; ``id`` is the place in the user's order.
+
+    body  position (m), radius (m), velocity (m/s), inverse mass (1/kg)
+    spin  angular velocity (rad/s), material index, id
+    load  contact force (N) and torque (N m) at the end of the last step
+    index_of  where the particle of an id is now
+    """
+
+    def __init__(
+        self, spheres: Spheres, mass: np.ndarray, material: np.ndarray, builder: "ti.FieldsBuilder"
+    ):
+        self.count = spheres.count
+        self.body, self.spin, self.load = Body.field(), Spin.field(), Load.field()
+        self._sorted_body, self._sorted_spin = Body.field(), Spin.field()
+        for field in (self.body, self.spin, self.load, self._sorted_body, self._sorted_spin):
+            builder.dense(ti.i, self.count).place(field)
+        self.index_of = ti.field(ti.i32)
+        builder.dense(ti.i, self.count).place(self.index_of)
+        self._initial = (spheres, mass, material)
+
+    def fill(self) -> None:
+        """Write the scene's spheres into the fields."""
+        spheres, mass, material = self._initial
+        self._fill(
+            spheres.position,
+            spheres.velocity,
+            spheres.omega,
+            spheres.radius,
+            1 / mass,
+            np.ascontiguousarray(material, np.int32),
+        )
+
+    @ti.kernel
+    def _fill(
+        self,
+        position: ti.types.ndarray(),
+        velocity: ti.types.ndarray(),
+        omega: ti.types.ndarray(),
+        radius: ti.types.ndarray(),
+        inverse_mass: ti.types.ndarray(),
+        material: ti.types.ndarray(),
+    ):
+        for i in range(self.count):
+            for axis in ti.static(range(3)):
+                self.body[i].position[axis] = position[i, axis]
+                self.body[i].velocity[axis] = velocity[i, axis]
+                self.spin[i].omega[axis] = omega[i, axis]
+            self.body[i].radius = radius[i]
+            self.body[i].inverse_mass = inverse_mass[i]
+            self.spin[i].material = material[i]
+            self.spin[i].id = i
+            self.index_of[i] = i
+
+    def read(self) -> dict[str, np.ndarray]:
+        """Position, velocity, omega, force and torque, each (n, 3), in the user's order."""
+        names = ("position", "velocity", "omega", "force", "torque")
+        arrays = {name: np.empty((self.count, 3)) for name in names}
+        self._read(*arrays.values())
+        return arrays
+
+    @ti.kernel
+    def _read(
+        self,
+        position: ti.types.ndarray(),
+        velocity: ti.types.ndarray(),
+        omega: ti.types.ndarray(),
+        force: ti.types.ndarray(),
+        torque: ti.types.ndarray(),
+    ):
+        for i in range(self.count):
+            row = self.spin[i].id
+            for axis in ti.static(range(3)):
+                position[row, axis] = self.body[i].position[axis]
+                velocity[row, axis] = self.body[i].velocity[axis]
+                omega[row, axis] = self.spin[i].omega[axis]
+                force[row, axis] = self.load[i].force[axis]
+                torque[row, axis] = self.load[i].torque[axis]
+
+    @ti.kernel
+    def write(
+        self,
+        position: ti.types.ndarray(),
+        velocity: ti.types.ndarray(),
+        omega: ti.types.ndarray(),
+    ):
+        """Put the particles somewhere else; each array (n, 3), in the user's order."""
+        for i in range(self.count):
+            row = self.spin[i].id
+            for axis in ti.static(range(3)):
+                self.body[i].position[axis] = position[row, axis]
+                self.body[i].velocity[axis] = velocity[row, axis]
+                self.spin[i].omega[axis] = omega[row, axis]
+
+    @ti.kernel
+    def reorder(self, order: ti.template()):
+        """Move the particle at ``order[s]`` to place s (load is rewritten at every step)."""
+        for s in range(self.count):
+            self._sorted_body[s] = self.body[order[s]]
+            self._sorted_spin[s] = self.spin[order[s]]
+        for s in range(self.count):
+            self.body[s] = self._sorted_body[s]
+            self.spin[s] = self._sorted_spin[s]
+            self.index_of[self.spin[s].id] = s

@@ -1,0 +1,178 @@
+"""What there is: spheres, boundaries, substrate, laws and gravity, frozen and checked."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_dem.material import Material, distinct, material_problem
+from taichi_dem.packing import deep_overlaps
+from taichi_dem.shapes import Boundary, Box, Face, Piston, Plane
+from taichi_dem.spheres import Spheres
+from taichi_dem.validation import (
+    InputError,
+    Problem,
+    first_few,
+    parameter,
+    set_vectors,
+    unknown,
+    validate,
+)
+
+__all__ = ["Box", "Material", "Piston", "Plane", "Scene", "Spheres", "Substrate"]
+
+EXCHANGES = ("implicit", "lagged", "none")
+DEEPEST_OVERLAP = 0.5  # of the smaller radius, at the start
+
+
+@dataclasses.dataclass(frozen=True)
+class Substrate:
+    """The elastic half-space z < 0.
+
+    ``exchange`` is how its contacts feel each other: solved together at each step ("implicit"), by
+    the forces of the step before ("lagged"), or not at all ("none": a plane at z = 0).
+    """
+
+    material: Material
+    tolerance: float = parameter("-", "of the displacement", default=1e-4, above=0.0, below=1.0)
+    coupling: str = "point"
+    exchange: str = "implicit"
+    residual: float = parameter("-", "of the coupled solve", default=1e-6, above=0.0, below=1.0)
+    layer: None = None
+    relaxation: None = None
+
+    def __post_init__(self) -> None:
+        choices = (("coupling", ("point",)), ("exchange", EXCHANGES))
+        validate(
+            self,
+            material_problem(self.material),
+            *(_choice_problem(name, getattr(self, name), known) for name, known in choices),
+            _not_yet("layer", self.layer, "a layer is"),
+            _not_yet("relaxation", self.relaxation, "relaxation is"),
+            name="substrate",
+        )
+
+    def faces(self) -> list[Face]:
+        """The undeformed surface, as a boundary gives its faces."""
+        return [(np.zeros(3), np.array([0.0, 0.0, 1.0]))]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Scene:
+    """A whole problem; what cannot be simulated is refused with all reasons at once.
+
+    Every sphere's centre must lie inside the boundaries and above the substrate, and no two
+    spheres may overlap by more than half of the smaller radius. ``gravity`` is in m/s2.
+    """
+
+    spheres: Spheres
+    boundaries: tuple[Boundary, ...] = ()
+    substrate: Substrate | None = None
+    law: Any
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    period: None = None
+
+    def __post_init__(self) -> None:
+        problems = [*self._kind_problems(), *set_vectors(self, "gravity")]
+        problems.append(_not_yet("period", self.period, "periodic sides are"))
+        if not any(problems):
+            object.__setattr__(self, "boundaries", tuple(self.boundaries))
+            problems += self._name_problems()
+            for k, boundary in enumerate(self.boundaries):
+                where = f"inside boundaries[{k}]"
+                problems += _outside_problems(self.spheres.position, boundary, where)
+            if self.substrate:
+                where = "above the substrate"
+                problems += _outside_problems(self.spheres.position, self.substrate, where)
+            problems += _overlap_problems(self.spheres)
+        if found := [problem for problem in problems if problem]:
+            raise InputError(found)
+
+    @property
+    def materials(self) -> tuple[Material, ...]:
+        """The different ones in order of appearance: spheres, boundaries, substrate."""
+        walls = [boundary.material for boundary in self.boundaries]
+        ground = [self.substrate.material] if self.substrate else []
+        return distinct([*self.spheres.materials, *walls, *ground])
+
+    @classmethod
+    def from_toml(cls, path: str | Path, overrides: tuple[str, ...] = ()) -> Scene:
+        """Read a scene file; see :func:`taichi_dem.scene_file.read`."""
+        from taichi_dem import scene_file
+
+        return scene_file.read(path, overrides)[0]
+
+    def to_toml(self, path: str | Path) -> None:
+        """Write a scene file that :meth:`from_toml` reads back equal."""
+        from taichi_dem import scene_file
+
+        scene_file.write(path, self)
+
+    def _kind_problems(self) -> list[Problem | None]:
+        def check(path: str, value: Any, kind: Any, what: str) -> Problem | None:
+            return None if isinstance(value, kind) else Problem(path, value, f"must be {what}")
+
+        if not isinstance(self.boundaries, (list, tuple)):
+            return [Problem("boundaries", self.boundaries, "must be a list of boundaries")]
+        return [
+            check("spheres", self.spheres, Spheres, "Spheres"),
+            *(
+                check(f"boundaries[{k}]", boundary, Boundary, "a Plane, Box or Piston")
+                for k, boundary in enumerate(self.boundaries)
+            ),
+            check("substrate", self.substrate, Substrate | None, "a Substrate or None"),
+            None if hasattr(self.law, "normal") else Problem("law", self.law, "must be a Law"),
+        ]
+
+    def _name_problems(self) -> list[Problem]:
+        names = [material.name for material in self.materials]
+        found = [
+            Problem(f"materials.{name}", None, "the name stands for two different materials")
+            for name in sorted({name for name in names if names.count(name) > 1})
+        ]
+        for pair in getattr(self.law, "pairs", None) or {}:
+            found += [
+                unknown("law.pairs", list(pair), name, names, "material")
+                for name in pair
+                if name not in names
+            ]
+        return found
+
+
+def _outside_problems(
+    position: np.ndarray, limit: Boundary | Substrate, where: str
+) -> list[Problem]:
+    beyond = np.max([(point - position) @ normal for point, normal in limit.faces()], axis=0)
+
+    def rule(k: int) -> str:
+        return f"the centre must be {where}; it is {beyond[k]:.3g} m beyond"
+
+    return first_few("spheres.position", beyond >= 0, position, rule)
+
+
+def _overlap_problems(spheres: Spheres) -> list[Problem]:
+    i, j, overlap = deep_overlaps(spheres.position, spheres.radius, DEEPEST_OVERLAP)
+    pair_of = dict(zip(j.tolist(), range(len(j)), strict=True))
+    wrong = np.zeros(spheres.count, dtype=bool)
+    wrong[j] = True
+
+    def rule(k: int) -> str:
+        other, depth = int(i[pair_of[k]]), overlap[pair_of[k]]
+        if (spheres.position[other] == spheres.position[k]).all():
+            return f"has the same centre as sphere {other}"
+        limit = DEEPEST_OVERLAP * spheres.radius[[other, k]].min()
+        return f"overlaps sphere {other} by {depth:.3g} m; at most {limit:.3g} m is accepted"
+
+    return first_few("spheres.position", wrong, spheres.position, rule)
+
+
+def _choice_problem(name: str, value: Any, known: tuple[str, ...]) -> Problem | None:
+    return None if value in known else unknown(name, value, value, known, "choice")
+
+
+def _not_yet(name: str, value: Any, what: str) -> Problem | None:
+    rule = f"{what} not available yet: must be None"
+    return None if value is None else Problem(name, value, rule)

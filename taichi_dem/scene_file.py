@@ -1,0 +1,267 @@
+"""Scenes as TOML files. The keys are the names that Python has; every mistake names its key."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from taichi_dem.material import Material
+from taichi_dem.scene import Scene, Substrate
+from taichi_dem.shapes import BOUNDARIES
+from taichi_dem.spheres import Spheres
+from taichi_dem.tables import Tables, override, plain
+from taichi_dem.toml_text import toml_text
+from taichi_dem.validation import InputError, Problem, parameter, unknown, validate
+from taichi_dem.writing import write_text
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+KEYS = ("gravity", "period", "materials", "spheres", "boundaries", "substrate", "law", "run")
+SOURCES = {  # ways to give spheres, and the keys that go with each
+    "position": ("position", "radius", "material", "velocity", "omega"),
+    "generate": ("generate", "material", "velocity", "omega"),
+    "file": ("file", "material"),
+    "lammps_data": ("lammps_data", "materials"),
+}
+GENERATE = ("radius", "region", "count", "volume_fraction", "seed")
+READERS = {".csv": Spheres.from_csv, ".npz": Spheres.from_npz}
+INLINE = 1000  # more spheres than this are kept in a file beside the scene's
+UNKNOWN_MATERIAL = Material("unknown", density=1.0, youngs_modulus=1.0, poissons_ratio=0.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """How long to run a scene (``duration`` or ``steps``) and how often to write what."""
+
+    duration: float | None = parameter("s", "simulated time", default=None, above=0.0)
+    steps: int | None = None
+    dt: float | None = parameter("s", "time step", default=None, above=0.0)
+    frames: float | None = parameter("s", "time between frames", default=None, above=0.0)
+    history: float | None = parameter("s", "time between lines", default=None, above=0.0)
+
+    def __post_init__(self) -> None:
+        problems = []
+        if self.steps is not None:
+            whole = isinstance(self.steps, int) and not isinstance(self.steps, bool)
+            if not whole or self.steps < 1:
+                problems.append(Problem("steps", self.steps, "must be a whole number >= 1"))
+            if self.duration is not None:
+                problems.append(Problem("steps", self.steps, "give duration or steps, not both"))
+        validate(self, *problems, name="run")
+
+
+def read(path: str | Path, overrides: Iterable[str] = (), laws: Any = None) -> tuple[Scene, Run]:
+    """The scene in a file and how to run it.
+
+    ``overrides`` replace entries: ``law.normal.restitution=0.5``, ``boundaries[1].velocity=-1``;
+    the value is TOML, or else text. Files that the scene names are sought from its folder. In place
+    of :mod:`taichi_dem.contacts.law`, ``laws`` may offer ``Law`` and ``LAWS``. Raises
+    ``InputError`` with every mistake that was found.
+    """
+    path = Path(path)
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError([Problem(str(path), None, f"cannot be read: {error}")]) from None
+    if laws is None:
+        from taichi_dem.contacts import law as laws
+    return _Reader(path.parent, laws).read(document, overrides)
+
+
+def write(path: str | Path, scene: Scene, run: Run | None = None) -> None:
+    """A file that :func:`read` reads back equal; many spheres go to a file beside it."""
+    path = Path(path)
+    document = {
+        "gravity": list(scene.gravity),
+        "materials": {m.name: _without(plain(m), "name") for m in scene.materials},
+        "spheres": _spheres_table(scene.spheres, path),
+        "boundaries": [{"type": wall.kind, **_named(wall)} for wall in scene.boundaries],
+        "substrate": _named(scene.substrate) if scene.substrate else None,
+        "law": _law_table(scene.law),
+        "run": plain(run) if run else None,
+    }
+    write_text(path, toml_text(document))
+
+
+class _Reader(Tables):
+    """Builds each part of a scene."""
+
+    def __init__(self, folder: Path, laws: Any):
+        super().__init__(convert={"material": self.material})
+        self.folder, self.laws = folder, laws
+        self.materials: dict[str, Material] = {}
+
+    def read(self, document: dict[str, Any], overrides: Iterable[str]) -> tuple[Scene, Run]:
+        for text in overrides:
+            self.override(document, text)
+        document = self.table(document, "", KEYS)
+        for name, table in self.table(document.get("materials", {}), "materials").items():
+            material = self.build(Material, table, f"materials.{name}", name=name)
+            self.materials[name] = material or UNKNOWN_MATERIAL
+        parts: dict[str, Any]
+        parts = {key: document[key] for key in ("gravity", "period") if key in document}
+        parts["spheres"] = self.spheres(document.get("spheres"))
+        parts["boundaries"] = [
+            self.choose(BOUNDARIES, table, f"boundaries[{k}]")
+            for k, table in enumerate(self.rows(document.get("boundaries"), "boundaries"))
+        ]
+        if "substrate" in document:
+            parts["substrate"] = self.build(Substrate, document["substrate"], "substrate")
+        parts["law"] = self.law(document.get("law"))
+        run = self.build(Run, document.get("run", {}), "run")
+        if self.problems:
+            raise InputError(self.problems)
+        return Scene(**parts), run
+
+    def override(self, document: dict[str, Any], text: str) -> None:
+        path, equals, value = (part.strip() for part in text.partition("="))
+        parsed: Any = value  # a plain word need not be quoted
+        with suppress(tomllib.TOMLDecodeError):
+            parsed = tomllib.loads(f"value = {value}")["value"]
+        problem = override(document, path, parsed)
+        if not equals:
+            problem = Problem("overrides", text, "must be path.to.key=value")
+        self.problems += [problem] if problem else []
+
+    def material(self, name: Any, path: str) -> Material:
+        if isinstance(name, str) and name in self.materials:
+            return self.materials[name]
+        self.problems.append(unknown(path, name, name, self.materials, "material"))
+        return UNKNOWN_MATERIAL
+
+    def spheres(self, value: Any) -> Spheres | None:
+        table = self.table(value, "spheres")
+        if not isinstance(value, Mapping):
+            return None
+        given = [source for source in SOURCES if source in table]
+        if len(given) != 1:
+            found = ", ".join(given) or "none"
+            rule = f"must have exactly one of {', '.join(SOURCES)}; has {found}"
+            self.note("spheres", None, rule)
+            return None
+        entries = self.table(table, "spheres", SOURCES[given[0]])
+        make: dict[str, Callable[..., Spheres]]
+        make = {
+            "position": self.inline,
+            "generate": self.generated,
+            "file": self.from_file,
+            "lammps_data": self.from_lammps_data,
+        }
+        return self.attempt("spheres", make[given[0]], **entries)
+
+    def inline(self, material: Any = None, **entries: Any) -> Spheres:
+        if isinstance(material, list):
+            path = "spheres.material[{}]".format
+            made: Any = [self.material(name, path(k)) for k, name in enumerate(material)]
+        else:
+            made = self.material(material, "spheres.material")
+        return Spheres(material=made, **{"radius": None, **entries})
+
+    def generated(self, generate: Any, material: Any = None, **motion: Any) -> Spheres:
+        wanted = self.table(generate, "spheres.generate", GENERATE)
+        made = self.material(material, "spheres.material")
+        return Spheres.generate(made, **{"radius": None, "region": None, **wanted, **motion})
+
+    def from_file(self, file: Any, material: Any = None) -> Spheres:
+        path = self.folder / str(file)
+        if path.suffix not in READERS:
+            raise InputError([Problem("file", file, f"must end in {' or '.join(READERS)}")])
+        if material is None:
+            return READERS[path.suffix](path, tuple(self.materials.values()))
+        return READERS[path.suffix](path, self.material(material, "spheres.material"))
+
+    def from_lammps_data(self, lammps_data: Any, materials: Any = None) -> Spheres:
+        made: Any
+        if isinstance(materials, Mapping):
+            path = "spheres.materials.{}".format
+            wrong = [key for key in materials if not key.isdigit()]
+            if wrong:
+                self.note(path(wrong[0]), materials[wrong[0]], "must be under an atom type: 1, 2 …")
+            kinds = [key for key in materials if key.isdigit()]
+            made = {int(kind): self.material(materials[kind], path(kind)) for kind in kinds}
+        else:
+            made = self.material(materials, "spheres.materials")
+        return Spheres.from_lammps_data(self.folder / str(lammps_data), made)
+
+    def law(self, value: Any) -> Any:
+        slots = self.laws.LAWS
+        before = len(self.problems)
+        table = self.table(value, "law", (*slots, "pairs"))
+        if not isinstance(value, Mapping):
+            return None
+        if "normal" not in table:
+            kinds = ", ".join(slots["normal"])
+            self.note("law.normal", None, f"is missing; its type must be one of {kinds}")
+        parts = {
+            slot: self.choose(slots[slot], table[slot], f"law.{slot}")
+            for slot in slots
+            if slot in table
+        }
+        pairs: dict[tuple[Any, ...], dict[str, Any]] = {}
+        for k, row in enumerate(self.rows(table.get("pairs"), "law.pairs")):
+            path = f"law.pairs[{k}]"
+            changes = self.table(row, path, ("materials", *slots))
+            names = changes.pop("materials", None)
+            if not isinstance(names, list) or len(names) != 2:
+                self.note(f"{path}.materials", names, "must be the names of two materials")
+                continue
+            for name in names:
+                self.material(name, f"{path}.materials")
+            if tuple(names) in pairs or tuple(reversed(names)) in pairs:
+                self.note(f"{path}.materials", names, "this pair was given before")
+            pairs[tuple(names)] = {
+                slot: self.changed(parts.get(slot), table, f"{path}.{slot}")
+                for slot, table in changes.items()
+            }
+        if len(self.problems) > before:
+            return None
+        return self.attempt("law", self.laws.Law, **parts, pairs=pairs)
+
+    def changed(self, general: Any, value: Any, path: str) -> Any:
+        """The law for all pairs with some of its numbers replaced."""
+        if general is None:
+            self.note(path, None, "changes a law that is not given, or not right, for all pairs")
+            return None
+        return self.build(type(general), plain(general) | self.table(value, path), path)
+
+
+def _without(table: dict[str, Any], key: str) -> dict[str, Any]:
+    return {name: value for name, value in table.items() if name != key}
+
+
+def _named(instance: Any) -> dict[str, Any]:
+    """The table of a dataclass, its material by name."""
+    return plain(instance) | {"material": instance.material.name}
+
+
+def _spheres_table(spheres: Spheres, path: Path) -> dict[str, Any]:
+    if spheres.count > INLINE:
+        beside = path.with_suffix(".spheres.npz")
+        spheres.to_npz(beside)
+        return {"file": beside.name}
+    names = [material.name for material in spheres.materials]
+    each = [names[k] for k in spheres.material_index]
+    table: dict[str, Any] = {"material": each if len(names) > 1 else names[0]}
+    for name in ("radius", "position", "velocity", "omega"):
+        values = getattr(spheres, name)
+        if name in ("radius", "position") or values.any():
+            table[name] = values.tolist()
+    return table
+
+
+def _law_table(law: Any) -> dict[str, Any]:
+    slots = [field.name for field in dataclasses.fields(law) if field.name != "pairs"]
+    parts = {slot: getattr(law, slot) for slot in slots if getattr(law, slot) is not None}
+    pairs = [
+        {"materials": list(names), **{slot: plain(part) for slot, part in laws.items()}}
+        for names, laws in law.pairs.items()
+    ]
+    described = {slot: {"type": type(part).__name__, **plain(part)} for slot, part in parts.items()}
+    return {**described, "pairs": pairs or None}

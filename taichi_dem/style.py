@@ -1,0 +1,155 @@
+"""How the pictures look: sizes, colours, and units chosen so that the numbers are easy to read."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from taichi_dem.writing import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Told apart by readers with any kind of colour vision (Okabe & Ito 2008).
+PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6D31", "#777777")
+INK = "#333333"
+GROUND = "#cdbfa8"
+
+_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+_DOTS_PER_INCH = 200
+_FEW = 40  # points of a line that are marked
+
+
+def scale_of(values: Any, unit: str) -> tuple[float, str]:
+    """Factor and name of the unit in which the largest of ``values`` has one to three digits.
+
+    The name has an SI prefix: ``scale_of(2e-5, "m")`` is ``(1e6, "µm")``. Values that are not
+    finite do not count.
+    """
+    values = np.abs(np.asarray(values, dtype=float))
+    largest = np.max(values, initial=0.0, where=np.isfinite(values))
+    if largest == 0:
+        return 1.0, unit
+    power = 3 * math.floor(math.log10(largest) / 3 + 1e-9)
+    power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
+    return 10.0**-power, _PREFIXES[power] + unit
+
+
+def figure(width: float, height: float) -> Figure:
+    """An empty figure of that size in inches, without pyplot or any global state."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), dpi=_DOTS_PER_INCH, layout="constrained")
+
+
+def top(values: Any) -> float:
+    """Upper end of a colour scale from zero: the largest value, or 1 where there is none."""
+    return float(np.max(values, initial=0.0, where=np.isfinite(values))) or 1.0
+
+
+def map_scale(width: float, height: float) -> float:
+    """Inches per unit of length at which a map just fills 5 by 4.6 inches."""
+    return min(5.0 / width, 4.6 / height)
+
+
+def map_figure(low: np.ndarray, high: np.ndarray, side: float) -> tuple[Figure, Axes, float]:
+    """A map in true proportions: figure, axes, and the factor from m to the unit on its axes.
+
+    ``low``, ``high``: corners of what is shown, (2,) m; ``side``: inches kept free at the right.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
+
+    factor, unit = scale_of(high - low, "m")
+    inches = (high - low) * map_scale(*(high - low))
+    whole = inches + np.array([0.75 + side, 0.85])
+    drawing = Figure(figsize=tuple(whole), dpi=_DOTS_PER_INCH)
+    axes = drawing.add_axes((0.75 / whole[0], 0.5 / whole[1], *(inches / whole)))
+    axes.set_aspect("equal")
+    axes.set(xlim=(low[0] * factor, high[0] * factor), ylim=(low[1] * factor, high[1] * factor))
+    for axis, size in zip((axes.xaxis, axes.yaxis), inches, strict=True):
+        axis.set_major_locator(MaxNLocator(int(np.clip(size / 0.5, 2, 8)), steps=[1, 2, 5, 10]))
+    axes.set_xlabel(f"x ({unit})")
+    dress(axes)
+    return drawing, axes, factor
+
+
+def dress(axes: Axes) -> None:
+    """Thin dark frame, ticks outward, legible text."""
+    axes.tick_params(direction="out", length=3, width=0.7, colors=INK, labelsize=9)
+    for spine in axes.spines.values():
+        spine.set(linewidth=0.7, color=INK)
+    axes.xaxis.label.set(size=10, color=INK)
+    axes.yaxis.label.set(size=10, color=INK)
+
+
+def cycle() -> Iterator[str]:
+    """The palette over and over."""
+    return itertools.cycle(PALETTE)
+
+
+def line(color: str, points: int) -> dict[str, Any]:
+    """A line of that colour, with dots where the points are few."""
+    return {"color": color, "linewidth": 1.3, "marker": "." if points <= _FEW else ""}
+
+
+def pale_blues() -> Any:
+    """White to a blue light enough for dark red marks on it."""
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(colormaps["Blues"](np.linspace(0.0, 0.72, 256)))
+
+
+def color_bar(axes: Axes, mappable: Any, label: str, place: int = 0) -> None:
+    """A colour bar as high as the axes, at their right; ``place`` counts the bars before it."""
+    from matplotlib.ticker import MaxNLocator
+
+    drawing = cast("Figure", axes.figure)
+    width, height = drawing.get_size_inches()
+    box = axes.get_position()
+    left = box.x1 + (0.12 + 0.85 * place) / width
+    bar = drawing.colorbar(
+        mappable, cax=drawing.add_axes((left, box.y0, 0.14 / width, box.height)), label=label
+    )
+    ticks = int(np.clip(box.height * height / 0.4, 2, 8))
+    bar.locator = MaxNLocator(ticks, steps=[1, 2, 5, 10])
+    bar.outline.set(linewidth=0.7, color=INK)
+    bar.update_ticks()
+    dress(bar.ax)
+
+
+def save(drawing: Figure, path: Path) -> Path:
+    """Write the picture in one piece and return its path."""
+    with replacing(path) as temporary:
+        drawing.savefig(temporary, facecolor="white", bbox_inches="tight", pad_inches=0.08)
+    return path
+
+
+def title(axes: Axes, time: float) -> None:
+    """The simulated time, small, above the left corner."""
+    factor, unit = scale_of(time, "s")
+    axes.set_title(f"t = {time * factor:.4g} {unit}", loc="left", size=9, color=INK)
+
+
+def legend(axes: Axes, handles: list[Any] | None = None) -> None:
+    """A legend without a frame: of ``handles`` at the right, else of all lines above the axes."""
+    options: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 4}
+    if handles is not None:
+        options = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "handles": handles}
+    axes.legend(
+        frameon=False,
+        fontsize=9,
+        labelcolor=INK,
+        borderaxespad=0.2,
+        handlelength=1.4,
+        handletextpad=0.5,
+        columnspacing=1.4,
+        **options,
+    )

@@ -1,0 +1,126 @@
+"""The stable time step of a scene, and what sets it (no Taichi).
+
+A contact of two bodies swings with the half period pi sqrt(m*/k); velocity Verlet follows it well
+with twenty steps.  The stiffness k grows with the overlap, so it is taken at an overlap that the
+scene can reach: that of an impact at the highest speed to be expected, and at least 2 % of the
+radius.  A substrate shared by many contacts makes each of them softer, never stiffer.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from taichi_dem.material import Material
+from taichi_dem.scene import Scene
+
+STEPS_PER_CONTACT = 20
+LEAST_OVERLAP = 0.02  # of the effective radius
+MOST_OVERLAP = 0.3
+UNSTABLE = 2 / math.pi * STEPS_PER_CONTACT  # stable steps at which a lone contact's Verlet diverges
+
+
+@dataclass(frozen=True)
+class StableStep:
+    """``value`` (s) and the contact that sets it, in words."""
+
+    value: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class _Smallest:
+    """The smallest sphere of one material, or a wall: infinite radius and mass."""
+
+    name: str
+    material: Material
+    curvature: float
+    inverse_mass: float
+
+
+def stable_time_step(scene: Scene, normal: Any) -> StableStep:
+    """A twentieth of the shortest contact's half period; ``normal`` are the normal law's
+    ``Coefficients``."""
+    speed = expected_speed(scene)
+    bodies = [_smallest(scene, index) for index in range(len(scene.spheres.materials))]
+    walls = [
+        _Smallest(name, material, 0.0, 0.0)
+        for name, material in [
+            *((f"boundary {b}", wall.material) for b, wall in enumerate(scene.boundaries)),
+            *([("the substrate", scene.substrate.material)] if scene.substrate else []),
+        ]
+    ]
+    law = scene.law.normal
+    candidates = [
+        _of_contact(law, normal.between(a.material, b.material), a, b, speed)
+        for k, a in enumerate(bodies)
+        for b in (*bodies[k:], *walls)
+    ]
+    return min(candidates, key=lambda candidate: candidate.value)
+
+
+def expected_speed(scene: Scene) -> float:
+    """The closing speed (m/s) that the scene's own motion and height can lead to."""
+    spheres = scene.spheres
+    own = float(np.linalg.norm(spheres.velocity, axis=1).max())
+    gravity = float(np.linalg.norm(scene.gravity))
+    fall = 0.0
+    if gravity > 0:
+        heights = spheres.position @ (np.array(scene.gravity) / gravity)
+        floor = heights.max()
+        if scene.substrate is not None:
+            floor = max(floor, 0.0)
+        fall = math.sqrt(2 * gravity * float(floor - heights.min()))
+    walls = max((_wall_speed(wall) for wall in scene.boundaries), default=0.0)
+    return 2 * own + fall + walls
+
+
+def _wall_speed(wall: Any) -> float:
+    velocity = getattr(wall, "velocity", None)
+    if velocity is not None:
+        return float(np.linalg.norm(velocity))
+    program = getattr(wall, "program", None)
+    if program:
+        rows = np.array([(0.0, 0.0), *(row for row in program if row[0] > 0)])
+        return float(np.abs(np.diff(rows[:, 1]) / np.diff(rows[:, 0])).max(initial=0.0))
+    return 0.0
+
+
+def _smallest(scene: Scene, index: int) -> _Smallest:
+    material = scene.spheres.materials[index]
+    radius = float(scene.spheres.radius[scene.spheres.material_index == index].min())
+    mass = material.density * 4 / 3 * math.pi * radius**3
+    return _Smallest(f"the smallest {material.name}", material, 1 / radius, 1 / mass)
+
+
+def _of_contact(
+    law: Any, k: Mapping[str, float], a: _Smallest, b: _Smallest, speed: float
+) -> StableStep:
+    radius, mass = 1 / (a.curvature + b.curvature), 1 / (a.inverse_mass + b.inverse_mass)
+    overlap = min(
+        max(LEAST_OVERLAP * radius, _impact_overlap(law, k, radius, mass, speed)),
+        MOST_OVERLAP * radius,
+    )
+    half_period = math.pi * math.sqrt(mass / law.stiffness(k, radius, overlap))
+    met = a.name if a is b else f"{a.name} on {b.name}"
+    reason = (
+        f"1/{STEPS_PER_CONTACT} of the half period of {met}, {half_period:.3g} s at an overlap of "
+        f"{overlap:.2g} m (speeds up to {speed:.2g} m/s expected)"
+    )
+    return StableStep(half_period / STEPS_PER_CONTACT, reason)
+
+
+def _impact_overlap(
+    law: Any, k: Mapping[str, float], radius: float, mass: float, speed: float
+) -> float:
+    """Where stiffness * overlap^2 / 2, a bound on the energy stored, meets m v^2 / 2."""
+    low, high = 0.0, MOST_OVERLAP * radius
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if law.stiffness(k, radius, middle) * middle**2 < mass * speed**2:
+            low = middle
+        else:
+            high = middle
+    return high

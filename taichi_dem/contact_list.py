@@ -23,6 +23,8 @@ Result = ti.types.struct(
     touching=ti.i32,
 )
 
+Loss = ti.types.struct(energy=real, drag=real)
+
 
 @ti.data_oriented
 class ContactList:
@@ -31,7 +33,8 @@ class ContactList:
     ends         first particle, second particle or body number
     result       what the contact does to the two
     history      what the laws remember of the contact (absent if they remember nothing)
-    dissipated   energy lost in the contact so far, J (absent if nothing dissipates)
+    loss         energy lost in the contact so far (J), and the drag (N) of the normal dashpot at
+                 the last step (absent if nothing dissipates)
     start        (particles + 1) first contact of each first particle
     incidence    contacts of each particle, 2 p, or 2 p + 1 where it is the second, in the order of
                  the partner's id: sums do not depend on the order of the list
@@ -64,8 +67,8 @@ class ContactList:
             builder.dense(ti.i, capacity).place(self.old_history, self.old_partner)
             builder.dense(ti.i, particles).place(self.old_start, self.old_end)
         if dissipates:
-            self.dissipated = ti.field(real)
-            builder.dense(ti.i, capacity).place(self.dissipated)
+            self.loss = Loss.field()
+            builder.dense(ti.i, capacity).place(self.loss)
         self.tree = builder.finalize()
 
     def count(self) -> int:

@@ -61,7 +61,7 @@ class Energy:
                 sums[2] += stored[0]
                 sums[3] += stored[1]
             if ti.static(self.contacts.dissipates):
-                sums[5] += self.contacts.dissipated[p]
+                sums[5] += self.contacts.loss[p].energy
 
     @ti.kernel
     def take_dissipated(self) -> ti.f64:
@@ -70,6 +70,6 @@ class Energy:
         ti.loop_config(serialize=True)
         for p in range(self.contacts.start[self.particles.count]):
             if ti.static(self.contacts.dissipates):
-                total += self.contacts.dissipated[p]
-                self.contacts.dissipated[p] = 0.0
+                total += self.contacts.loss[p].energy
+                self.contacts.loss[p].energy = 0.0
         return total

@@ -84,13 +84,13 @@ class Forces:
         surface_spin, mean_spin = vec3(0.0), 0.5 * spin.omega
         radius, mass = body.radius, 0.0
         smaller, material = body.radius, 0
-        lateral = vec3(0.0)
+        held = self.contacts.result[p].touching != 0
         if j >= 0:
             partner = self.particles.body[j]
             separation = body.position - partner.position
             reach = body.radius + partner.radius
             square = separation.dot(separation)
-            if square < reach * reach:
+            if square < reach * reach or held:
                 distance = ti.sqrt(square)
                 normal = separation / distance
                 overlap = reach - distance
@@ -119,7 +119,7 @@ class Forces:
                     velocity -= wall.velocity
                     material = wall.material
 
-        if overlap > 0.0:
+        if overlap > 0.0 or held:
             surface_spin += (body.radius - 0.5 * overlap) * spin.omega
             contact = meet(
                 normal,
@@ -131,50 +131,66 @@ class Forces:
                 mass,
                 time_step,
             )
-            self.apply_laws(p, contact, spin.material, material)
-            if ti.static(self.coupled):
-                if j == SUBSTRATE:
-                    self.contacts.result[p].force += self.substrate.lateral_force(i)
-            if overlap > self.deepest[None] * smaller:
-                self.flags[TOO_DEEP] = 1
-        elif self.contacts.result[p].touching != 0:
-            self.open(p)
+            if overlap > 0.0:
+                self.apply_laws(p, contact, spin.material, material)
+                if ti.static(self.coupled):
+                    if j == SUBSTRATE:
+                        self.contacts.result[p].force += self.substrate.lateral_force(i)
+                if overlap > self.deepest[None] * smaller:
+                    self.flags[TOO_DEEP] = 1
+            else:
+                self.open(p, contact)
 
     @ti.func
     def apply_laws(self, p, contact, first, second):
         """Every law of the scene, on a contact of materials ``first`` and ``second``."""
-        history = self.contacts.History()
+        history, before = self.contacts.History(), 0.0
         if ti.static(self.contacts.has_history):
             history = self.contacts.history[p]
-        normal = self.normal.force(contact, self.normal_table[first, second], history)
-        force, couple = normal.total * contact.normal, vec3(0.0)
-        lost = (normal.elastic - normal.total) * contact.normal_velocity * contact.time_step
         if ti.static(self.rubs):
             before = self.tangential.energy(history)
+        normal = self.normal.force(contact, self.normal_table[first, second], history)
+        force, friction = normal.total * contact.normal, vec3(0.0)
+        if ti.static(self.rubs):
             friction = self.tangential.force(
                 contact, normal, self.tangential_table[first, second], history
             )
             force += friction
-            couple = contact.normal.cross(friction)
-            work = friction.dot(contact.tangential_velocity) * contact.time_step
-            lost -= work + self.tangential.energy(history) - before
+        if ti.static(self.contacts.dissipates):
+            self.book(p, contact, normal.elastic - normal.total, friction)
+            if ti.static(self.rubs):
+                self.contacts.loss[p].energy -= self.tangential.energy(history) - before
         if ti.static(self.contacts.has_history):
             self.contacts.history[p] = history
-        if ti.static(self.contacts.dissipates):
-            self.contacts.dissipated[p] += lost
         self.contacts.result[p].force = force
-        self.contacts.result[p].couple = couple
+        self.contacts.result[p].couple = contact.normal.cross(friction)
         self.contacts.result[p].half_overlap = 0.5 * contact.overlap
         self.contacts.result[p].touching = 1
 
     @ti.func
-    def open(self, p):
+    def open(self, p, contact):
         """A contact ends: it forgets, and what its spring still held is lost."""
-        self.contacts.result[p].touching = 0
+        if ti.static(self.contacts.dissipates):
+            self.book(p, contact, 0.0, vec3(0.0))
+            if ti.static(self.rubs):
+                self.contacts.loss[p].energy += self.tangential.energy(self.contacts.history[p])
         if ti.static(self.contacts.has_history):
-            if ti.static(self.rubs and self.contacts.dissipates):
-                self.contacts.dissipated[p] += self.tangential.energy(self.contacts.history[p])
             self.contacts.history[p] = self.contacts.History()
+        self.contacts.result[p].touching = 0
+
+    @ti.func
+    def book(self, p, contact, drag, friction):
+        """The work of dashpot and friction over the step that led here, by the trapezoidal rule
+        that makes Verlet's own work exact: mean force of the two ends, velocity between them."""
+        drag_before, friction_before = 0.0, vec3(0.0)
+        if self.contacts.result[p].touching != 0:
+            drag_before = self.contacts.loss[p].drag
+            friction_before = self.contacts.result[p].couple.cross(contact.normal)
+        power = (drag_before + drag) * contact.normal_velocity - (friction_before + friction).dot(
+            contact.tangential_velocity
+        )
+        self.contacts.loss[p].energy += 0.5 * contact.time_step * power
+        self.contacts.loss[p].drag = drag
 
     @ti.func
     def stored(self, p):

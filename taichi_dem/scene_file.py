@@ -125,10 +125,10 @@ class _Reader(Tables):
         parsed: Any = value  # a plain word need not be quoted
         with suppress(tomllib.TOMLDecodeError):
             parsed = tomllib.loads(f"value = {value}")["value"]
-        problem = override(document, path, parsed)
         if not equals:
-            problem = Problem("overrides", text, "must be path.to.key=value")
-        self.problems += [problem] if problem else []
+            self.note("overrides", text, "must be path.to.key=value")
+        elif problem := override(document, path, parsed):
+            self.problems.append(problem)
 
     def material(self, name: Any, path: str) -> Material:
         if isinstance(name, str) and name in self.materials:
@@ -208,6 +208,8 @@ class _Reader(Tables):
         for k, row in enumerate(self.rows(table.get("pairs"), "law.pairs")):
             path = f"law.pairs[{k}]"
             changes = self.table(row, path, ("materials", *slots))
+            if not isinstance(row, Mapping):
+                continue
             names = changes.pop("materials", None)
             if not isinstance(names, list) or len(names) != 2:
                 self.note(f"{path}.materials", names, "must be the names of two materials")

@@ -38,9 +38,8 @@ def test_overlapping_finds_each_pair_once(seed, ratio, typical):
     position = rng.uniform(0, 1, (200, 3))
     i, j, overlap = all_pairs(position, radius)
     expected = set(zip(i[overlap > 0], j[overlap > 0], strict=True))
-    found = [
-        tuple(sorted(pair)) for pair in zip(*packing.overlapping(position, radius), strict=True)
-    ]
+    pairs = zip(*packing.overlapping(position, radius), strict=True)
+    found = [tuple(sorted(pair)) for pair in pairs]
     assert len(found) == len(expected) and set(found) == expected
 
 
@@ -172,7 +171,7 @@ def test_a_single_radius_is_kept_exactly():
         ),
         (
             {"count": 200},
-            "count = 200: fills 0.8378 of the region; at most 0.58, 138 spheres, is reachable",
+            "count = 200: fills 0.8378 of the region; at most 0.58 is reachable, about 138 spheres",
         ),
     ],
 )
@@ -197,9 +196,7 @@ def test_hydrogel_packing():
     np.testing.assert_array_equal(beads.position[0], [0.0281955, 0.15621, 0.0747432])
     assert beads.radius[0] == 0.0192777 / 2
     np.testing.assert_array_equal(beads.velocity[513], [-4.905e-06, -9.81703e-05, -2.39189e-4])
-    np.testing.assert_allclose(
-        beads.mass.sum(), np.pi / 6 * 11.5 * (2 * beads.radius) ** 3 @ np.ones(514)
-    )
+    np.testing.assert_allclose(beads.mass[0], 11.5 * np.pi / 6 * 0.0192777**3)
     assert len(packing.deep_overlaps(beads.position, beads.radius, 0.06)[0]) == 0
     [line] = message(Spheres.from_lammps_data, HYDROGEL, GLASS)
     assert line.endswith(
@@ -241,7 +238,7 @@ def test_lammps_atoms_are_sorted_by_id_with_velocities_joined(tmp_path):
         ("Atoms #", "Bodies #", "", "has no section 'Atoms'"),
         ("2 atoms", "3 atoms", "", "promises 3 atoms and has 2"),
         ("7 2", "5 2", "", "has two atoms with id 5"),
-        ("\n7", "\nVelocities\n\n7", "", "promises 2 atoms and has 0"),
+        ("\n7", "\nVelocities\n\n7", "", "has no spheres"),
         ("sphere\n", "sphere\n\nVelocities\n\n1 0 0 0 0 0 0\n\nAtoms\n", "", "the ids of 'Veloc"),
         ("7 2", "7 3", "", "has atoms of type 3; materials are given for [1, 2]"),
     ],

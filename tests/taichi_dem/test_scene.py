@@ -1,4 +1,4 @@
-"""Scenes: what is stored, and every mistake refused with its path, value and what would be right."""
+"""Scenes: what is stored; mistakes are refused with path, value and what would be right."""
 
 import dataclasses
 import math
@@ -297,7 +297,7 @@ def test_coincident_spheres_are_told_apart_from_overlapping_ones():
 
 
 def test_a_packing_in_wrong_units_is_refused_without_listing_every_pair():
-    x = np.random.default_rng(0).uniform(0, 1, (20000, 3)) + [0, 0, 1]
+    x = np.random.default_rng(0).uniform(1, 2, (20000, 3))
     lines = message(scene, spheres=Spheres(x, 10.0, GLASS))
     assert len(lines) == 4 and lines[-1].startswith("spheres.position: and ")
     assert len(message(scene, spheres=Spheres(np.ones((20000, 3)), 10.0, GLASS))) == 4

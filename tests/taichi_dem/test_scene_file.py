@@ -178,8 +178,8 @@ def test_all_mistakes_are_reported_at_once_with_their_keys(path):
         "spheres.radius = 3: unknown key; known: generate, material, velocity, omega",
         "spheres.generate.count = -1: must be a whole number >= 1",
         "boundaries[0].material = glas: unknown material; did you mean 'glass'? known: gel, glass",
-        "boundaries[1].program[1] = [0.2, 1.0]: times must be >= 0 s and increase",
         "boundaries[1].normal = (0.0, 0.0, 0.0): must not be the zero vector",
+        "boundaries[1].program[1] = [0.2, 1.0]: times must be >= 0 s and increase",
         "substrate.exchange = lagd: unknown choice; did you mean 'lagged'? "
         "known: implicit, lagged, none",
         "law.normal.restitution = 2: must be > 0 and <= 1 (rebound / impact)",
@@ -241,7 +241,7 @@ def test_all_mistakes_are_reported_at_once_with_their_keys(path):
             ["spheres.file = a.txt: must end in .csv or .npz"],
         ),
         (
-            ["law={}", "boundaries[0].type=Bx", "gravity=1"],
+            ["law={}", "boundaries[0].type=Bx"],
             [
                 "boundaries[0].type = Bx: unknown type; did you mean 'Box'? "
                 "known: Plane, Box, Piston",
@@ -278,10 +278,7 @@ def test_all_mistakes_are_reported_at_once_with_their_keys(path):
     ],
 )
 def test_mistakes_name_key_value_and_rule(path, overrides, lines):
-    found = message(path, *overrides)
-    if overrides[0].startswith(("materials", "law.pairs=[3")):
-        found = found[: len(lines)] if len(lines) == 3 or len(found) == 1 else found
-    assert [line for line in lines if line not in found] == []
+    assert message(path, *overrides) == lines
 
 
 def test_what_is_not_toml_is_refused(path):
@@ -388,7 +385,7 @@ def test_round_trip_is_exact(tmp_path_factory, scene, run):
 
 def test_many_spheres_go_to_a_file_beside_the_scene(tmp_path):
     rng = np.random.default_rng(3)
-    x = np.stack(np.meshgrid(*[np.arange(11.0)] * 3), axis=-1).reshape(-1, 3) + [0, 0, 1]
+    x = np.stack(np.meshgrid(*[np.arange(11.0)] * 3), axis=-1).reshape(-1, 3)
     spheres = Spheres(
         x, rng.uniform(0.1, 0.4, 1331), ((GEL, GLASS), rng.integers(0, 2, 1331)), omega=(1, 2, 3)
     )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichi_dem.contact_list import FIRST_FACE
+from taichi_dem.contact_list import APART, FIRST_FACE
 from taichi_dem.particles import Particles
 from taichi_dem.scene import Scene
 from taichi_dem.shapes import Box, Piston, Plane
@@ -208,7 +208,7 @@ class Boundaries:
         for q in range(self.pressing_count[None]):
             p = self.pressing[q]
             face = FIRST_FACE - contacts.ends[p].j
-            if contacts.result[p].touching != 0 and self.face[face].boundary == b:
+            if contacts.result[p].touching != APART and self.face[face].boundary == b:
                 push -= contacts.result[p].force.dot(self.motion[b].direction)
         return push
 

@@ -14,13 +14,14 @@ from taichi_dem.types import real, ti, vec3
 
 SUBSTRATE = -1  # body number of the half-space; face f of the boundaries is -2 - f
 FIRST_FACE = -2
+APART, TOUCHING, HELD = range(3)
 
 Ends = ti.types.struct(i=ti.i32, j=ti.i32)
 Result = ti.types.struct(
     force=vec3,  # on i
     couple=vec3,  # normal x tangential force: its torque is -arm * couple on i and on j alike
     half_overlap=real,  # the arm of a sphere is its radius less this
-    touching=ti.i32,
+    touching=ti.i32,  # APART, TOUCHING, or HELD: it was touching when the list was made
 )
 
 Loss = ti.types.struct(energy=real, drag=real)
@@ -57,15 +58,16 @@ class ContactList:
         builder.dense(ti.i, capacity).place(self.result)
         builder.dense(ti.i, particles + 1).place(self.start, self.incidence_start)
         builder.dense(ti.i, 2 * capacity).place(self.incidence)
+        self.old_partner, self.old_touching = ti.field(ti.i32), ti.field(ti.i32)
+        self.old_start, self.old_end = ti.field(ti.i32), ti.field(ti.i32)
+        builder.dense(ti.i, capacity).place(self.old_partner, self.old_touching)
+        builder.dense(ti.i, particles).place(self.old_start, self.old_end)
         # Without history the laws still get a struct, which the compiler drops.
         self.History = ti.types.struct(**(history or {"nothing": ti.i32}))
         if history:
             self.history, self.old_history = self.History.field(), self.History.field()
-            self.old_partner, self.old_start = ti.field(ti.i32), ti.field(ti.i32)
-            self.old_end = ti.field(ti.i32)
             builder.dense(ti.i, capacity).place(self.history)
-            builder.dense(ti.i, capacity).place(self.old_history, self.old_partner)
-            builder.dense(ti.i, particles).place(self.old_start, self.old_end)
+            builder.dense(ti.i, capacity).place(self.old_history)
         if dissipates:
             self.loss = Loss.field()
             builder.dense(ti.i, capacity).place(self.loss)
@@ -92,5 +94,6 @@ def _copy_file(old: ti.template(), new: ti.template()):
     for i in range(old.particles):
         new.old_start[i], new.old_end[i] = old.old_start[i], old.old_end[i]
     for p in range(old.capacity):
-        new.old_partner[p] = old.old_partner[p]
-        new.old_history[p] = old.old_history[p]
+        new.old_partner[p], new.old_touching[p] = old.old_partner[p], old.old_touching[p]
+        if ti.static(old.has_history):
+            new.old_history[p] = old.old_history[p]

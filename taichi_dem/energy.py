@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from taichi_dem.boundaries import Boundaries
+from taichi_dem.contact_list import APART
 from taichi_dem.forces import Forces
 from taichi_dem.types import ti
 
@@ -56,7 +57,7 @@ class Energy:
                 sums[4] -= 0.5 * ground.force * ground.expansion
         ti.loop_config(serialize=True)
         for p in range(self.contacts.start[self.particles.count]):
-            if self.contacts.result[p].touching != 0:
+            if self.contacts.result[p].touching != APART:
                 stored = self.forces.stored(p)
                 sums[2] += stored[0]
                 sums[3] += stored[1]

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from taichi_dem.boundaries import Boundaries
-from taichi_dem.contact_list import FIRST_FACE, SUBSTRATE, ContactList
+from taichi_dem.contact_list import APART, FIRST_FACE, HELD, SUBSTRATE, TOUCHING, ContactList
 from taichi_dem.contacts.contact import at_rest, meet
 from taichi_dem.contacts.law import Law
 from taichi_dem.material import Material
@@ -84,13 +84,13 @@ class Forces:
         surface_spin, mean_spin = vec3(0.0), 0.5 * spin.omega
         radius, mass = body.radius, 0.0
         smaller, material = body.radius, 0
-        held = self.contacts.result[p].touching != 0
+        touched = self.contacts.result[p].touching != APART
         if j >= 0:
             partner = self.particles.body[j]
             separation = body.position - partner.position
             reach = body.radius + partner.radius
             square = separation.dot(separation)
-            if square < reach * reach or held:
+            if square < reach * reach or touched:
                 distance = ti.sqrt(square)
                 normal = separation / distance
                 overlap = reach - distance
@@ -119,7 +119,7 @@ class Forces:
                     velocity -= wall.velocity
                     material = wall.material
 
-        if overlap > 0.0 or held:
+        if overlap > 0.0 or touched:
             surface_spin += (body.radius - 0.5 * overlap) * spin.omega
             contact = meet(
                 normal,
@@ -165,7 +165,7 @@ class Forces:
         self.contacts.result[p].force = force
         self.contacts.result[p].couple = contact.normal.cross(friction)
         self.contacts.result[p].half_overlap = 0.5 * contact.overlap
-        self.contacts.result[p].touching = 1
+        self.contacts.result[p].touching = TOUCHING
 
     @ti.func
     def open(self, p, contact):
@@ -176,14 +176,16 @@ class Forces:
                 self.contacts.loss[p].energy += self.tangential.energy(self.contacts.history[p])
         if ti.static(self.contacts.has_history):
             self.contacts.history[p] = self.contacts.History()
-        self.contacts.result[p].touching = 0
+        self.contacts.result[p].touching = APART
 
     @ti.func
     def book(self, p, contact, drag, friction):
         """The work of dashpot and friction over the step that led here, by the trapezoidal rule
         that makes Verlet's own work exact: mean force of the two ends, velocity between them."""
         drag_before, friction_before = 0.0, vec3(0.0)
-        if self.contacts.result[p].touching != 0:
+        if self.contacts.result[p].touching == HELD:  # forces are not carried over: take these
+            drag_before, friction_before = drag, friction
+        elif self.contacts.result[p].touching == TOUCHING:
             drag_before = self.contacts.loss[p].drag
             friction_before = self.contacts.result[p].couple.cross(contact.normal)
         power = (drag_before + drag) * contact.normal_velocity - (friction_before + friction).dot(
@@ -223,7 +225,7 @@ class Forces:
         for q in range(self.contacts.incidence_start[i], self.contacts.incidence_start[i + 1]):
             entry = self.contacts.incidence[q]
             p = entry >> 1
-            if self.contacts.result[p].touching != 0:
+            if self.contacts.result[p].touching != APART:
                 if entry & 1 == 1:
                     force -= self.contacts.result[p].force
                 else:

@@ -5,7 +5,7 @@ one finds its many small partners, and no small one has to look far.
 """
 
 from taichi_dem.boundaries import Boundaries
-from taichi_dem.contact_list import FIRST_FACE, SUBSTRATE, ContactList
+from taichi_dem.contact_list import APART, FIRST_FACE, HELD, SUBSTRATE, ContactList
 from taichi_dem.grid import Grid
 from taichi_dem.particles import Particles
 from taichi_dem.types import ti
@@ -38,7 +38,7 @@ class Neighbors:
     # -- history ---------------------------------------------------------------------------------
 
     @ti.kernel
-    def save_history(self, remember: ti.i32):
+    def save(self, remember: ti.i32):
         """File every contact's history under the ids of its bodies, before anything moves (or,
         unless it is to ``remember``, file nothing)."""
         for i in range(self.particles.count):
@@ -47,7 +47,9 @@ class Neighbors:
             self.contacts.old_end[row] = self.contacts.start[i + 1] * remember
         for p in range(self.contacts.start[self.particles.count]):
             self.contacts.old_partner[p] = self.name_of(self.contacts.ends[p].j)
-            self.contacts.old_history[p] = self.contacts.history[p]
+            self.contacts.old_touching[p] = self.contacts.result[p].touching
+            if ti.static(self.contacts.has_history):
+                self.contacts.old_history[p] = self.contacts.history[p]
 
     @ti.func
     def name_of(self, j):
@@ -59,15 +61,18 @@ class Neighbors:
 
     @ti.func
     def recall(self, p):
-        """The filed history of contact ``p``, or none."""
-        row, partner = (
-            self.particles.spin[self.contacts.ends[p].i].id,
-            self.name_of(self.contacts.ends[p].j),
-        )
-        self.contacts.history[p] = self.contacts.History()
+        """What is on file for contact ``p``, or nothing."""
+        row = self.particles.spin[self.contacts.ends[p].i].id
+        partner = self.name_of(self.contacts.ends[p].j)
+        self.contacts.result[p].touching = APART
+        if ti.static(self.contacts.has_history):
+            self.contacts.history[p] = self.contacts.History()
         for old in range(self.contacts.old_start[row], self.contacts.old_end[row]):
             if self.contacts.old_partner[old] == partner:
-                self.contacts.history[p] = self.contacts.old_history[old]
+                if self.contacts.old_touching[old] != APART:
+                    self.contacts.result[p].touching = HELD
+                if ti.static(self.contacts.has_history):
+                    self.contacts.history[p] = self.contacts.old_history[old]
 
     # -- search ----------------------------------------------------------------------------------
 
@@ -106,9 +111,7 @@ class Neighbors:
                     self.contacts.ends[p].j = self.contacts.incidence[i * self.room + p - first]
             for p in range(first, end):
                 self.contacts.ends[p].i = i
-                self.contacts.result[p].touching = 0
-                if ti.static(self.contacts.has_history):
-                    self.recall(p)
+                self.recall(p)
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.incident()

@@ -251,8 +251,7 @@ class Simulation:
         if self._skin.rebuilt(int(self._step[None])):
             self._grid.cell_size[None] = self._set_skin()
         self._lost += self._energy.take_dissipated()
-        if self._list.has_history:
-            self._neighbors.save_history(remember)
+        self._neighbors.save(remember)
         self._grid.sort()
         if self._particles.count > REORDER_ABOVE and self._rebuilds % REORDER_EVERY == 0:
             self._particles.reorder(self._grid.particle)
@@ -277,7 +276,7 @@ class Simulation:
         old = getattr(self, "_list", None)
         self._list = ContactList(self._particles.count, capacity, history, self._dissipates())
         self._trees.append(self._list.tree)
-        if old is not None and old.has_history:
+        if old is not None:
             self._list.inherit(old)
         self._neighbors = Neighbors(
             self._particles,

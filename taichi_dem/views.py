@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from taichi_dem.boundaries import Boundaries
-from taichi_dem.contact_list import FIRST_FACE, ContactList
+from taichi_dem.contact_list import APART, FIRST_FACE, ContactList
 from taichi_dem.particles import Particles
 from taichi_dem.types import ti
 
@@ -81,7 +81,7 @@ def _copy_contacts(
     for row in range(particles.count):
         i = particles.index_of[row]
         for p in range(contacts.start[i], contacts.start[i + 1]):
-            if contacts.result[p].touching != 0:
+            if contacts.result[p].touching != APART:
                 j = contacts.ends[p].j
                 ends[found, 0] = row
                 ends[found, 1] = particles.spin[j].id if j >= 0 else j

@@ -34,8 +34,9 @@ class ContactList:
     ends         first particle, second particle or body number
     result       what the contact does to the two
     history      what the laws remember of the contact (absent if they remember nothing)
-    loss         energy lost in the contact so far (J), and the drag (N) of the normal dashpot at
-                 the last step (absent if nothing dissipates)
+    loss         energy that has gone into dashpot and friction so far, what the tangential spring
+                 holds included (J), and the drag (N) of the dashpot at the last step (absent if
+                 nothing dissipates)
     start        (particles + 1) first contact of each first particle
     incidence    contacts of each particle, 2 p, or 2 p + 1 where it is the second, in the order of
                  the partner's id: sums do not depend on the order of the list

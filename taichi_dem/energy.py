@@ -20,7 +20,7 @@ class Energy:
         self.boundaries = boundaries
 
     def parts(self, gravity: np.ndarray, lost_before: float) -> dict[str, float]:
-        """J, by part; ``lost_before`` is what contacts that are off the list have dissipated."""
+        """J, by part; ``lost_before`` is what :meth:`take_loss` has taken so far."""
         sums = np.zeros(6)
         self._sum(sums, gravity)
         motion = [self.boundaries.motion[b] for b in range(self.boundaries.count)]
@@ -31,7 +31,7 @@ class Energy:
             "normal": sums[2],
             "tangential": sums[3],
             "substrate": sums[4],
-            "dissipated": lost_before + sums[5],
+            "dissipated": lost_before + sums[5] - sums[3],
             "external_work": float(sum(m.work for m in motion)),
         }
         absent = (not self.forces.rubs, not self.coupled, not self.contacts.dissipates)
@@ -65,8 +65,9 @@ class Energy:
                 sums[5] += self.contacts.loss[p].energy
 
     @ti.kernel
-    def take_dissipated(self) -> ti.f64:
-        """What the contacts have dissipated, taken off them before the list is made anew."""
+    def take_loss(self) -> ti.f64:
+        """What has gone into the contacts' dashpots and friction, taken off them before the list
+        is made anew."""
         total = ti.cast(0.0, ti.f64)
         ti.loop_config(serialize=True)
         for p in range(self.contacts.start[self.particles.count]):

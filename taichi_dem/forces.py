@@ -79,7 +79,6 @@ class Forces:
         """Force, couple and history of contact ``p``."""
         i, j = self.contacts.ends[p].i, self.contacts.ends[p].j
         body, spin = self.particles.body[i], self.particles.spin[i]
-        other, face = j, FIRST_FACE - j
         normal, overlap, velocity = vec3(0.0), -1.0, body.velocity
         surface_spin, mean_spin = vec3(0.0), 0.5 * spin.omega
         radius, mass = body.radius, 0.0
@@ -113,7 +112,7 @@ class Forces:
                         overlap += self.substrate.ground[i].expansion
             if ti.static(self.has_faces):
                 if j <= FIRST_FACE:
-                    wall = self.boundaries.face[face]
+                    wall = self.boundaries.face[FIRST_FACE - j]
                     normal = wall.normal
                     overlap = body.radius - (body.position - wall.point).dot(normal)
                     velocity -= wall.velocity
@@ -144,11 +143,9 @@ class Forces:
     @ti.func
     def apply_laws(self, p, contact, first, second):
         """Every law of the scene, on a contact of materials ``first`` and ``second``."""
-        history, before = self.contacts.History(), 0.0
+        history = self.contacts.History()
         if ti.static(self.contacts.has_history):
             history = self.contacts.history[p]
-        if ti.static(self.rubs):
-            before = self.tangential.energy(history)
         normal = self.normal.force(contact, self.normal_table[first, second], history)
         force, friction = normal.total * contact.normal, vec3(0.0)
         if ti.static(self.rubs):
@@ -158,8 +155,6 @@ class Forces:
             force += friction
         if ti.static(self.contacts.dissipates):
             self.book(p, contact, normal.elastic - normal.total, friction)
-            if ti.static(self.rubs):
-                self.contacts.loss[p].energy -= self.tangential.energy(history) - before
         if ti.static(self.contacts.has_history):
             self.contacts.history[p] = history
         self.contacts.result[p].force = force
@@ -169,11 +164,9 @@ class Forces:
 
     @ti.func
     def open(self, p, contact):
-        """A contact ends: it forgets, and what its spring still held is lost."""
+        """A contact ends, and forgets; what its spring still held is lost."""
         if ti.static(self.contacts.dissipates):
             self.book(p, contact, 0.0, vec3(0.0))
-            if ti.static(self.rubs):
-                self.contacts.loss[p].energy += self.tangential.energy(self.contacts.history[p])
         if ti.static(self.contacts.has_history):
             self.contacts.history[p] = self.contacts.History()
         self.contacts.result[p].touching = APART

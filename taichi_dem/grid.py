@@ -14,7 +14,7 @@ from taichi_dem.types import real, ti
 
 BLOCK = 4  # cells per block and axis
 MOST_SPARSE_BLOCKS = 2**18  # pointers, 8 bytes each
-DENSE_CELLS_PER_PARTICLE = 64  # up to here a dense tree costs less than pointers
+DENSE_CELLS_PER_PARTICLE = 16  # up to here a dense tree costs less than pointers
 
 
 @ti.data_oriented

@@ -250,7 +250,7 @@ class Simulation:
             self._stop(guards.describe_offender(self._particles, row, self.dt), row)
         if self._skin.rebuilt(int(self._step[None])):
             self._grid.cell_size[None] = self._set_skin()
-        self._lost += self._energy.take_dissipated()
+        self._lost += self._energy.take_loss()
         self._neighbors.save(remember)
         self._grid.sort()
         if self._particles.count > REORDER_ABOVE and self._rebuilds % REORDER_EVERY == 0:

@@ -8,7 +8,8 @@ with forces and a half kick.
 from typing import Any
 
 from taichi_dem.boundaries import Boundaries
-from taichi_dem.forces import STALE, Forces
+from taichi_dem.control import STALE, Control
+from taichi_dem.forces import Forces
 from taichi_dem.integrate import Verlet
 from taichi_dem.types import ti
 
@@ -23,14 +24,12 @@ class Drivers:
         verlet: Verlet,
         boundaries: Boundaries,
         exchange: Any,
-        step: "ti.Field",
-        time_step: "ti.Field",
-        flags: "ti.Field",
+        control: Control,
     ):
         self.forces, self.verlet, self.boundaries = forces, verlet, boundaries
         self.exchange, self.has_exchange = exchange, exchange is not None
         self.particles, self.contacts = forces.particles, forces.contacts
-        self.step, self.time_step, self.flags = step, time_step, flags
+        self.control = control
         self.moves = boundaries.any_moves
 
     # -- the parts of a step ---------------------------------------------------------------------
@@ -47,31 +46,27 @@ class Drivers:
             for b in range(self.boundaries.count):
                 if self.boundaries.motion[b].moves != 0:
                     push = self.boundaries.push_on(b, self.contacts)
-                    self.boundaries.settle(b, push, self.time_step[None])
+                    self.boundaries.settle(b, push, self.control.time_step[None])
 
     @ti.func
     def carry_boundaries(self):
-        self.step[None] += 1
+        self.control.step[None] += 1
         if ti.static(self.moves):
             for b in range(self.boundaries.count):
-                self.boundaries.kick(b, self.time_step[None])
-            time = ti.cast(self.step[None], ti.f64) * self.time_step[None]
-            gone = self.boundaries.drift(time, self.time_step[None])
-            if not (gone < 0.5 * self.verlet.skin[None]):
-                self.flags[STALE] = 1
+                self.boundaries.kick(b, self.control.time_step[None])
+            time = ti.cast(self.control.step[None], ti.f64) * self.control.time_step[None]
+            gone = self.boundaries.drift(time, self.control.time_step[None])
+            if not (gone < 0.5 * self.control.skin[None]):
+                self.control.raise_flag(STALE)
 
     @ti.func
     def move(self, i):
         """The second half kick of a step, the first of the next, and its drift."""
-        time_step = self.time_step[None]
+        time_step = self.control.time_step[None]
         force, torque = self.forces.gather(i)
         self.verlet.kick(i, force, torque, time_step)
         self.verlet.kick(i, force, torque, time_step)
         self.verlet.drift(i, time_step)
-
-    @ti.func
-    def calls_host(self):
-        return self.flags[0] + self.flags[1] + self.flags[2]
 
     # -- the drivers -----------------------------------------------------------------------------
 
@@ -80,10 +75,10 @@ class Drivers:
         """At most ``steps`` steps in one task; returns how many were made before the host is
         needed."""
         made = 0
-        while made < steps and self.calls_host() == 0:
+        while made < steps and self.control.calls_host() == 0:
             self.surface()
             for p in range(self.contacts.start[self.particles.count]):
-                self.forces.evaluate(p, self.time_step[None])
+                self.forces.evaluate(p, self.control.time_step[None])
             self.settle_boundaries()
             self.carry_boundaries()
             for i in range(self.particles.count):
@@ -96,12 +91,12 @@ class Drivers:
         """One step in parallel loops; returns whether the host is needed."""
         self.surface()
         for p in range(self.contacts.start[self.particles.count]):
-            self.forces.evaluate(p, self.time_step[None])
+            self.forces.evaluate(p, self.control.time_step[None])
         self.settle_boundaries()
         self.carry_boundaries()
         for i in range(self.particles.count):
             self.move(i)
-        return self.calls_host()
+        return self.control.calls_host()
 
     def loop(self, steps: int) -> int:
         """As :meth:`serial`, in parallel loops."""
@@ -115,7 +110,7 @@ class Drivers:
     @ti.kernel
     def begin(self):
         """First half kick and drift, with the forces of the present state."""
-        time_step = self.time_step[None]
+        time_step = self.control.time_step[None]
         for i in range(self.particles.count):
             load = self.particles.load[i]
             self.verlet.kick(i, load.force, load.torque, time_step)
@@ -140,7 +135,7 @@ class Drivers:
         self.settle_boundaries()
         for i in range(self.particles.count):
             load = self.particles.load[i]
-            self.verlet.kick(i, load.force, load.torque, self.time_step[None])
+            self.verlet.kick(i, load.force, load.torque, self.control.time_step[None])
 
     @ti.kernel
     def note_pushes(self):

@@ -12,13 +12,13 @@ import numpy as np
 import halfspace
 from taichi_dem.contact_list import SUBSTRATE, ContactList
 from taichi_dem.contacts.contact import at_rest
+from taichi_dem.control import UNSOLVED, Control
 from taichi_dem.coupling import CoupledSolve
-from taichi_dem.forces import UNSOLVED
 from taichi_dem.particles import Particles
 from taichi_dem.scene import Substrate
 from taichi_dem.types import real, ti, vec2, vec3
 
-IN_KERNEL_CONTACTS = 512  # beyond, the host's solver is no slower
+IN_KERNEL_CONTACTS = 2048  # their influence matrix takes 32 MB
 PAST = 4  # displacements kept: the next one is extrapolated from them by a cubic
 FAST_IMPACT = 0.1  # of the substrate's shear wave speed: beyond, it is not quasi-static
 WIDE_CONTACT = 0.3  # contact radius over sphere radius: beyond, strains are not small
@@ -58,10 +58,10 @@ class Exchange:
         law,
         coefficients,
         material: int,
-        flags: "ti.Field",
+        control: Control,
         builder: "ti.FieldsBuilder",
     ):
-        self.particles, self.flags = particles, flags
+        self.particles, self.control = particles, control
         self.normal, self.table, self.material = law.normal, coefficients.table, material
         self.lagged = substrate.exchange == "lagged"
         self.halfspace, self.residual = ground_of(substrate), substrate.residual
@@ -160,7 +160,7 @@ class Exchange:
                     start=overlap - expected,
                 )
             except halfspace.NotConverged as error:
-                self.flags[UNSOLVED] = 1
+                self.control.flags[UNSOLVED] = 1
                 result = error.state
             effective, force, slope = result.overlap, result.force, result.slope
             self.solver.applications[None] += result.applications
@@ -245,7 +245,7 @@ class Exchange:
             self.lag()
         else:
             if self.solver.solve(self.law) == 0:
-                self.flags[UNSOLVED] = 1
+                self.control.raise_flag(UNSOLVED)
         self.solver.slopes()
         for k in range(self.solver.count[None]):
             self.receive(

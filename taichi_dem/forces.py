@@ -11,11 +11,10 @@ from taichi_dem.boundaries import Boundaries
 from taichi_dem.contact_list import APART, FIRST_FACE, HELD, SUBSTRATE, TOUCHING, ContactList
 from taichi_dem.contacts.contact import at_rest, meet
 from taichi_dem.contacts.law import Law
+from taichi_dem.control import TOO_DEEP, Control
 from taichi_dem.material import Material
 from taichi_dem.particles import Particles
 from taichi_dem.types import real, ti, vec2, vec3
-
-STALE, TOO_DEEP, UNSOLVED = range(3)  # reasons to go back to the host
 
 
 def history_of(law: Law) -> dict[str, Any]:
@@ -44,11 +43,8 @@ class Coefficients:
 
 @ti.data_oriented
 class Forces:
-    """Contact forces of ``particles`` under ``law``.
-
-    flags        (3,) what made a contact call the host: STALE, TOO_DEEP, UNSOLVED
-    deepest      share of the smaller radius beyond which an overlap stops the run
-    """
+    """Contact forces of ``particles`` under ``law``; ``substrate`` is the coupled one or None,
+    ``substrate_material`` the index of its material, -1 where the scene has none."""
 
     def __init__(
         self,
@@ -59,8 +55,7 @@ class Forces:
         contacts: ContactList,
         substrate: Any,
         substrate_material: int,
-        flags: "ti.Field",
-        deepest: "ti.Field",
+        control: Control,
     ):
         self.particles, self.boundaries, self.contacts = particles, boundaries, contacts
         self.normal, self.tangential = law.normal, law.tangential
@@ -72,7 +67,7 @@ class Forces:
         self.coupled = substrate is not None
         self.substrate, self.substrate_material = substrate, substrate_material
         self.has_faces = boundaries.face_count > 0
-        self.flags, self.deepest = flags, deepest
+        self.control = control
 
     @ti.func
     def evaluate(self, p, time_step):
@@ -135,8 +130,8 @@ class Forces:
                 if ti.static(self.coupled):
                     if j == SUBSTRATE:
                         self.contacts.result[p].force += self.substrate.lateral_force(i)
-                if overlap > self.deepest[None] * smaller:
-                    self.flags[TOO_DEEP] = 1
+                if overlap > self.control.deepest[None] * smaller:
+                    self.control.raise_flag(TOO_DEEP)
             else:
                 self.open(p, contact)
 

@@ -5,32 +5,23 @@ Damping sees the velocities at the half step.  Between two forces a particle tak
 and a drift; they are kept apart so that a run gives the same bits however it is cut into pieces.
 """
 
-from taichi_dem.forces import STALE
+from taichi_dem.control import STALE, Control
 from taichi_dem.particles import Particles
 from taichi_dem.types import ti
 
 
 @ti.data_oriented
 class Verlet:
-    """Moves ``particles``; ``reference`` is where they were when the contact list was built."""
+    """Moves ``particles``; they spin only if something can turn them."""
 
-    def __init__(
-        self,
-        particles: Particles,
-        reference: "ti.Field",
-        skin: "ti.Field",
-        gravity: "ti.Field",
-        flags: "ti.Field",
-        rotates: bool,
-    ):
-        self.particles, self.reference, self.skin = particles, reference, skin
-        self.gravity, self.flags, self.rotates = gravity, flags, rotates
+    def __init__(self, particles: Particles, control: Control, rotates: bool):
+        self.particles, self.control, self.rotates = particles, control, rotates
 
     @ti.func
     def kick(self, i, force, torque, time_step):
         """Half a step of the velocities under ``force`` and ``torque``."""
         body = self.particles.body[i]
-        acceleration = force * body.inverse_mass + self.gravity[0]
+        acceleration = force * body.inverse_mass + self.control.gravity[0]
         self.particles.body[i].velocity = body.velocity + 0.5 * time_step * acceleration
         if ti.static(self.rotates):
             inverse_inertia = 2.5 * body.inverse_mass / (body.radius * body.radius)
@@ -43,7 +34,7 @@ class Verlet:
         body = self.particles.body[i]
         position = body.position + time_step * body.velocity
         self.particles.body[i].position = position
-        moved = position - self.reference[i]
-        limit = 0.5 * self.skin[None]
+        moved = position - self.particles.reference[i]
+        limit = 0.5 * self.control.skin[None]
         if not (moved.dot(moved) < limit * limit):
-            self.flags[STALE] = 1
+            self.control.raise_flag(STALE)

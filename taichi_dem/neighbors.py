@@ -6,6 +6,7 @@ one finds its many small partners, and no small one has to look far.
 
 from taichi_dem.boundaries import Boundaries
 from taichi_dem.contact_list import APART, FIRST_FACE, HELD, SUBSTRATE, ContactList
+from taichi_dem.control import Control
 from taichi_dem.grid import Grid
 from taichi_dem.particles import Particles
 from taichi_dem.types import ti
@@ -23,14 +24,12 @@ class Neighbors:
         boundaries: Boundaries,
         contacts: ContactList,
         grid: Grid,
-        reference: "ti.Field",
-        skin: "ti.Field",
+        control: Control,
         has_substrate: bool,
     ):
         self.particles, self.boundaries = particles, boundaries
         self.contacts, self.grid = contacts, grid
-        self.reference, self.skin = reference, skin
-        self.has_substrate = has_substrate
+        self.control, self.has_substrate = control, has_substrate
         self.walls = boundaries.face_count
         self.serial = particles.count < SERIAL_BELOW
         self.room = 2 * contacts.capacity // particles.count
@@ -103,7 +102,7 @@ class Neighbors:
         ti.loop_config(serialize=self.serial)
         for i in range(self.particles.count):
             first, end = self.contacts.start[i], self.contacts.start[i + 1]
-            self.reference[i] = self.particles.body[i].position
+            self.particles.reference[i] = self.particles.body[i].position
             if end - first > self.room:
                 self.search(i, self.contacts.ends.j, first, end - first)
             else:
@@ -122,7 +121,7 @@ class Neighbors:
     @ti.func
     def search(self, i, found: ti.template(), first, room):
         """Count the partners of ``i``, and write the first ``room`` of them from ``first`` on."""
-        body, skin = self.particles.body[i], self.skin[None]
+        body, skin = self.particles.body[i], self.control.skin[None]
         mask = ti.Vector(self.grid.mask)
         reach = ti.cast(ti.ceil((2 * body.radius + skin) / self.grid.cell_size[None]), ti.i32)
         corner = self.grid.cell[i] - reach

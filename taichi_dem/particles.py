@@ -18,7 +18,8 @@ class Particles:
     body  position (m), radius (m), velocity (m/s), inverse mass (1/kg)
     spin  angular velocity (rad/s), material index, id
     load  contact force (N) and torque (N m) at the end of the last step
-    index_of  where the particle of an id is now
+    index_of   where the particle of an id is now
+    reference  position when the contact list was made (m)
     """
 
     def __init__(
@@ -29,8 +30,9 @@ class Particles:
         self._sorted_body, self._sorted_spin = Body.field(), Spin.field()
         for field in (self.body, self.spin, self.load, self._sorted_body, self._sorted_spin):
             builder.dense(ti.i, self.count).place(field)
-        self.index_of = ti.field(ti.i32)
+        self.index_of, self.reference = ti.field(ti.i32), ti.Vector.field(3, real)
         builder.dense(ti.i, self.count).place(self.index_of)
+        builder.dense(ti.i, self.count).place(self.reference)
         self._initial = (spheres, mass, material)
 
     def fill(self) -> None:

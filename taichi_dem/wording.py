@@ -28,9 +28,11 @@ def span(values: Any, unit: str) -> str:
 
 
 def cubic(volume: float) -> str:
-    """A volume in the cube of the length unit that leaves it three digits or so."""
-    factor, name = scale_of(volume ** (1 / 3), "m")
-    return f"{volume * factor**3:.{DIGITS}g} {name}³"
+    """A volume in m³, cm³, mm³ or µm³."""
+    sizes = ((1.0, "m³"), (1e-6, "cm³"), (1e-9, "mm³"))
+    factor, name = next((pair for pair in sizes if volume >= pair[0]), (1e-18, "µm³"))
+    value = float(f"{volume / factor:.{DIGITS}g}")
+    return f"{value:,.0f} {name}" if value >= 100 else f"{value:g} {name}"
 
 
 def mass(value: float) -> str:

@@ -58,11 +58,12 @@ class Mindlin:
 
         limit = k.friction * ti.max(normal.total, 0.0)
         total = spring - k.damping * normal.damping * contact.tangential_velocity
-        if total.dot(total) > limit * limit:
+        excess = total.dot(total)
+        if excess > limit * limit:
+            total *= limit / ti.sqrt(excess)
             length = spring.dot(spring)
-            if length > 0.0:
-                spring *= ti.min(limit / ti.sqrt(length), 1.0)
-            total = spring
+            if length > limit * limit:
+                spring *= limit / ti.sqrt(length)
         history.tangential_force = spring
         history.tangential_stiffness = stiffness
         return total

@@ -1,0 +1,187 @@
+"""``taichi-dem check``: what a scene computes, with which step, in how much time and memory."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_dem.run import FRAMES, ROWS, length, plain_warnings, read
+from taichi_dem.scene import Scene
+from taichi_dem.scene_file import Run
+from taichi_dem.shapes import Boundary, Piston
+from taichi_dem.wording import clock, count, cubic, mass, quantity, span
+from taichi_dem.wording import memory as in_bytes
+
+PILOT_SECONDS = 1.0
+PILOT_STEPS = 400
+WARM_UP_STEPS = 44  # both drivers are compiled and timed within these
+SETTLED = 3.0  # contacts per sphere from which a bed is as dense as it gets
+SLOWER = 4  # times, at most, that a settled bed is slower than falling spheres (measured: 2 to 4)
+
+
+def check(path: Path, overrides: Sequence[str] = (), duration: float | None = None) -> None:
+    """Say on standard output what :func:`taichi_dem.run.run` would do with the same arguments.
+
+    Raises ``InputError`` with every mistake in the scene, and ``SimulationStopped`` if a guard
+    stops it within the few hundred steps that are made to see how long the run would take.
+    """
+    scene, plan = read(path, overrides, duration)
+    for name, text in what_there_is(scene):
+        _say(name, text)
+
+    from taichi_dem.memory import memory
+    from taichi_dem.simulation import Simulation
+
+    with plain_warnings():
+        start = time.perf_counter()
+        sim = Simulation(scene, plan.dt)
+        built = time.perf_counter() - start
+        for name, text in effects(sim):
+            _say(name, text)
+        steps, simulated = length(plan, sim.dt)
+        _say("time step", f"{quantity(sim.dt, 's')}: {sim.dt_reason}")
+        _say("length", f"{quantity(simulated, 's')}, {count(steps, 'step')}")
+        _say("output", _output(plan, simulated))
+        parts = memory(sim)
+        listed = ", ".join(f"{name} {in_bytes(size)}" for name, size in parts.items())
+        _say("memory", f"{in_bytes(sum(parts.values()))} of fields: {listed}")
+        _say("run time", run_time(sim, steps, built))
+
+
+def what_there_is(scene: Scene) -> Iterator[tuple[str, str]]:
+    """The scene in words: spheres, materials, boundaries, substrate, gravity."""
+    spheres = scene.spheres
+    volume = 4 / 3 * math.pi * spheres.radius**3
+    yield (
+        "spheres",
+        f"{spheres.count:,}, radius {span(spheres.radius, 'm')}, volume {cubic(volume.sum())}, "
+        f"mass {mass(spheres.mass.sum())}",
+    )
+    for k, material in enumerate(spheres.materials):
+        if len(spheres.materials) > 1:
+            of = spheres.material_index == k
+            yield "", f"{of.sum():,} of {material.name}, radius {span(spheres.radius[of], 'm')}"
+    for k, material in enumerate(scene.materials):
+        yield (
+            "" if k else "materials",
+            f"{material.name}: {material.density:g} kg/m³, Young's modulus "
+            f"{quantity(material.youngs_modulus, 'Pa')}, Poisson's ratio "
+            f"{material.poissons_ratio:g}",
+        )
+    for k, boundary in enumerate(scene.boundaries):
+        yield "" if k else "boundaries", f"{k}: {_boundary(boundary)}"
+    if scene.substrate is not None:
+        from taichi_dem.exchange import FAST_IMPACT
+
+        soil = scene.substrate.material
+        shear = soil.youngs_modulus / (2 * (1 + soil.poissons_ratio))
+        speed = math.sqrt(shear / soil.density)
+        yield (
+            "substrate",
+            f"{soil.name} below z = 0; shear waves at {quantity(speed, 'm/s')}, so that impacts "
+            f"up to {quantity(FAST_IMPACT * speed, 'm/s')} are quasi-static",
+        )
+    yield "gravity", f"({', '.join(f'{g:g}' for g in scene.gravity)}) m/s²"
+
+
+def effects(sim: Any) -> Iterator[tuple[str, str]]:
+    """What has been compiled, and why; what the scene leaves out."""
+    from taichi_dem.contacts.law import LAWS
+
+    scene, law, contacts = sim.scene, sim.scene.law, sim._list
+    on, off = [], [slot for slot, kinds in LAWS.items() if kinds and slot not in law.parts()]
+    for slot, part in law.parts().items():
+        special = [" on ".join(names) for names, laws in law.pairs.items() if slot in laws]
+        but = f"; other numbers for {', '.join(special)}" if special else ""
+        on.append((f"{slot} law", f"{part}{but}"))
+    if scene.substrate is not None:
+        on.append(("substrate", _coupling(scene.substrate)))
+    if sim._forces.rubs:
+        on.append(("rotation", "because friction makes torque"))
+    if contacts.has_history:
+        held = [f"{name} ({slot} law)" for slot, p in law.parts().items() for name, _ in p.history]
+        on.append(("history", f"of each contact: {', '.join(held)}"))
+    if contacts.dissipates:
+        causes = ["friction"] if law.tangential is not None else []
+        on.append(("dissipation", f"is summed up: {', '.join([*causes, 'damping'])}"))
+    moving = [str(k) for k, wall in enumerate(scene.boundaries) if _moves(wall)]
+    if moving:
+        on.append(("motion", f"of boundary {', '.join(moving)}"))
+    absent = {
+        "substrate": scene.substrate is None,
+        "rotation": not sim._forces.rubs,
+        "history": not contacts.has_history,
+        "dissipation": not contacts.dissipates,
+        "moving boundaries": not moving,
+    }
+    off += [name for name, missing in absent.items() if missing]
+    for k, (name, text) in enumerate(on):
+        yield "" if k else "effects", f"{name}: {text}"
+    yield "off", ", ".join(off) or "nothing"
+
+
+def run_time(sim: Any, steps: int, built: float) -> str:
+    """An estimate from a short run, and what it is worth."""
+    sim.run(steps=WARM_UP_STEPS)
+    made, start = 0, time.perf_counter()
+    while made < PILOT_STEPS and time.perf_counter() - start < PILOT_SECONDS:
+        sim.run(steps=PILOT_STEPS // 20)
+        made += PILOT_STEPS // 20
+    rate = made / (time.perf_counter() - start)
+    whole = steps / rate + built
+    text = (
+        f"about {clock(float(f'{whole:.2g}'))}: measured over {made} steps at {rate:,.0f} steps/s "
+        f"({sim.summary()['driver']}), without output"
+    )
+    if sim.coordination() < SETTLED:
+        text += f"; up to {SLOWER} times as long once the spheres have settled"
+    return text
+
+
+def _boundary(boundary: Boundary) -> str:
+    faces = len(boundary.faces())
+    text = f"{boundary.kind} of {boundary.material.name}"
+    if faces > 1:
+        text += f", {faces} faces"
+    if isinstance(boundary, Piston):
+        if boundary.load is not None and boundary.mass is not None:
+            text += f", {mass(boundary.mass)} under {quantity(boundary.load, 'N')}"
+        elif boundary.program:
+            text += f", follows a program of {count(len(boundary.program), 'row')}"
+    speed = getattr(boundary, "velocity", None)
+    if _moves(boundary) and speed is not None:
+        text += f", moves at {quantity(float(np.linalg.norm(speed)), 'm/s')}"
+    return text
+
+
+def _moves(boundary: Boundary) -> bool:
+    return isinstance(boundary, Piston) or bool(np.any(getattr(boundary, "velocity", 0.0)))
+
+
+def _coupling(substrate: Any) -> str:
+    coupled = {
+        "implicit": f"contacts feel each other ({substrate.coupling} coupling), solved together at "
+        f"every step to {substrate.residual:g}",
+        "lagged": f"contacts feel each other ({substrate.coupling} coupling) by the forces of the "
+        "step before",
+        "none": "contacts do not feel each other: an elastic plane",
+    }
+    return coupled[substrate.exchange]
+
+
+def _output(plan: Run, simulated: float) -> str:
+    frames, history = plan.frames or simulated / FRAMES, plan.history or simulated / ROWS
+    return (
+        f"{count(math.floor(simulated / frames) + 1, 'frame')}, one per {quantity(frames, 's')}; "
+        f"{count(math.floor(simulated / history) + 1, 'row')} of history, one per "
+        f"{quantity(history, 's')}"
+    )
+
+
+def _say(name: str, text: str) -> None:
+    print(f"{name:<12}{text}", flush=True)

@@ -1,0 +1,151 @@
+"""The command line: thin programs over scenes, simulations and pictures.
+
+Nothing heavy is imported before a command needs it, so that ``--help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+DONE, FAILED, WRONG_INPUT, STOPPED, INTERRUPTED = 0, 1, 2, 3, 130
+
+EXITS = """\
+exit codes: 0 done, 1 could not write, 2 wrong input (nothing is written),
+            3 stopped by a guard (the last good state is kept), 130 interrupted with Ctrl-C
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code."""
+    asked = _parser().parse_args(arguments)
+    try:
+        from taichi_dem.validation import InputError
+
+        try:
+            return asked.command(asked)
+        except InputError as error:
+            _complain_of_input(error)
+            return WRONG_INPUT
+    except KeyboardInterrupt:
+        _complain("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:  # whoever read the output has enough of it
+        sys.stdout = None  # type: ignore[assignment]  # nothing more to flush at exit
+        return DONE
+    except (OSError, ImportError) as error:
+        _complain(str(error))
+        return FAILED
+
+
+def _parser() -> argparse.ArgumentParser:
+    from taichi_dem import __version__
+
+    parser = argparse.ArgumentParser(
+        prog="taichi-dem",
+        description="Discrete elements on an elastic half-space.",
+        epilog=EXITS,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"taichi-dem {__version__}")
+    commands = parser.add_subparsers(metavar="command", required=True)
+
+    run = commands.add_parser("run", help="run a scene and write what happens into a folder")
+    _add_scene(run)
+    run.add_argument(
+        "-o", "--output", type=Path, metavar="FOLDER", help="default: out/NAME for NAME.toml"
+    )
+    run.add_argument(
+        "--overwrite", action="store_true", help="replace the run that the folder holds"
+    )
+    run.set_defaults(command=_run)
+
+    check = commands.add_parser(
+        "check", help="say what a scene would compute, and how long it would take; writes nothing"
+    )
+    _add_scene(check)
+    check.set_defaults(command=_check)
+
+    plot = commands.add_parser("plot", help="draw the pictures of a run again")
+    plot.add_argument("folder", type=Path, help="of a run")
+    plot.set_defaults(command=_plot)
+    return parser
+
+
+def _add_scene(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", type=Path, help="a scene file (TOML)")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="replace an entry of the file: law.normal.restitution=0.5; may be repeated",
+    )
+    parser.add_argument(
+        "--duration", type=float, metavar="SECONDS", help="simulated time, in place of the file's"
+    )
+
+
+def _run(asked: argparse.Namespace) -> int:
+    from taichi_dem.run import run
+
+    _check_environment()
+    from taichi_dem.guards import SimulationStopped
+
+    folder = asked.output or Path("out") / asked.scene.stem
+    try:
+        run(asked.scene, folder, asked.set, asked.duration, asked.overwrite)
+    except SimulationStopped as stop:
+        _complain(f"stopped: {stop}")
+        return STOPPED
+    return DONE
+
+
+def _check(asked: argparse.Namespace) -> int:
+    from taichi_dem.check import check
+
+    _check_environment()
+    from taichi_dem.guards import SimulationStopped
+
+    try:
+        check(asked.scene, asked.set, asked.duration)
+    except SimulationStopped as stop:
+        _complain(f"the run would be stopped: {stop}")
+        return STOPPED
+    return DONE
+
+
+def _plot(asked: argparse.Namespace) -> int:
+    from taichi_dem.folder import draw
+
+    for picture in draw(asked.folder):
+        print(picture)
+    return DONE
+
+
+def _check_environment() -> None:
+    """Start-up of the half-space's backend reads environment variables, which may be wrong."""
+    from taichi_dem.validation import InputError, Problem
+
+    try:
+        import halfspace.backend  # noqa: F401
+    except ValueError as error:
+        raise InputError([Problem("environment", None, str(error))]) from None
+
+
+def _complain_of_input(error: Exception) -> None:
+    problems = getattr(error, "problems", ())
+    found = "1 mistake" if len(problems) == 1 else f"{len(problems)} mistakes"
+    _complain(f"{found} in the input")
+    for problem in problems:
+        print(f"  {problem}", file=sys.stderr)
+
+
+def _complain(message: str) -> None:
+    print(f"taichi-dem: {message}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,39 @@
+"""The few numbers that every kernel reads, in fields because they may change while it runs."""
+
+from taichi_dem.types import real, ti
+
+STALE, TOO_DEEP, UNSOLVED = range(3)  # why a kernel calls the host
+
+
+@ti.data_oriented
+class Control:
+    """Shared scalars.
+
+    step        steps made since the start
+    time_step   s
+    skin        m, how far beyond touching the contact list reaches
+    deepest     share of the smaller radius beyond which an overlap stops the run
+    gravity     m/s2
+    flags       (3,) STALE, TOO_DEEP, UNSOLVED
+    """
+
+    def __init__(self, builder: "ti.FieldsBuilder"):
+        self.step, self.flags = ti.field(ti.i64), ti.field(ti.i32)
+        self.time_step, self.skin, self.deepest = ti.field(real), ti.field(real), ti.field(real)
+        self.gravity = ti.Vector.field(3, real)
+        builder.place(self.step, self.time_step, self.skin, self.deepest)
+        builder.dense(ti.i, 1).place(self.gravity)
+        builder.dense(ti.i, 3).place(self.flags)
+
+    def fill(self, time_step: float, gravity: tuple[float, ...], deepest: float) -> None:
+        """Write the constants, after the fields have been placed."""
+        self.time_step[None], self.deepest[None] = time_step, deepest
+        self.gravity[0] = gravity
+
+    @ti.func
+    def raise_flag(self, reason: ti.template()):
+        self.flags[reason] = 1
+
+    @ti.func
+    def calls_host(self) -> ti.i32:
+        return self.flags[STALE] + self.flags[TOO_DEEP] + self.flags[UNSOLVED]

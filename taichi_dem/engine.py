@@ -1,0 +1,271 @@
+"""The fields of a scene and the loop that advances them: what a step does, in order."""
+
+import weakref
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from halfspace import backend
+from taichi_dem import guards
+from taichi_dem.boundaries import Boundaries
+from taichi_dem.contact_list import ContactList
+from taichi_dem.control import STALE, Control
+from taichi_dem.drivers import Drivers
+from taichi_dem.energy import Energy
+from taichi_dem.exchange import Exchange
+from taichi_dem.forces import Coefficients, Forces, history_of
+from taichi_dem.grid import Grid, best_cell_size
+from taichi_dem.guards import SimulationStopped
+from taichi_dem.integrate import Verlet
+from taichi_dem.neighbors import Neighbors
+from taichi_dem.pace import Pace, Skin
+from taichi_dem.particles import Particles
+from taichi_dem.scene import Scene
+from taichi_dem.types import ti
+from taichi_dem.views import ParticleState, contact_records
+
+CONTACTS_PER_PARTICLE = 4  # of the first list; it regrows
+GROWTH = 1.3
+REORDER_ABOVE = 4000  # particles: fewer fit in the cache in any order
+REORDER_EVERY = 8  # rebuilds
+
+
+class Engine:
+    """Owns the fields of ``scene`` and moves them on by whole steps of ``time_step`` (s).
+
+    Raises ``SimulationStopped`` when a guard finds nonsense, with the last good state restored.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        coefficients: Mapping[str, Coefficients],
+        time_step: float,
+        driver: str,
+        max_overlap: float,
+    ):
+        self.scene, self.time_step, self._coefficients = scene, time_step, coefficients
+        spheres, materials = scene.spheres, scene.materials
+        place = {material: index for index, material in enumerate(materials)}
+        self.mass = spheres.mass
+        self.material = np.array([place[m] for m in spheres.materials])[spheres.material_index]
+
+        builder = ti.FieldsBuilder()
+        self.control = Control(builder)
+        self.particles = Particles(spheres, self.mass, self.material, builder)
+        self.boundaries = Boundaries(scene, self.particles, builder)
+        for table in coefficients.values():
+            builder.dense(ti.ij, len(materials)).place(table.table)
+        self._soil = place[scene.substrate.material] if scene.substrate else -1
+        self.exchange = self._make_exchange(builder)
+        self._trees = [builder.finalize()]
+        weakref.finalize(self, _destroy, self._trees)
+        self.control.fill(time_step, scene.gravity, max_overlap)
+        self.particles.fill()
+        self.boundaries.fill(place)
+        for table in coefficients.values():
+            table.fill()
+        if self.exchange is not None:
+            self.exchange.fill()
+
+        self.skin = Skin(spheres.radius)
+        self.pace = Pace(spheres.count, backend.THREADS, driver)
+        self._extent = np.maximum(np.ptp(spheres.position, axis=0), 2 * spheres.radius.max())
+        self.grid = Grid(self.particles, self._set_skin(), self._extent)
+        self._trees.append(self.grid.tree)
+        self.lost, self.rebuilds = 0.0, 0
+        self._make_list(CONTACTS_PER_PARTICLE * spheres.count + 64)
+        self._keep_good_state()
+        self.rebuild()
+        self.drivers.evaluate(0.0)
+        self.drivers.note_pushes()
+        self._answer()
+
+    @property
+    def step(self) -> int:
+        """Steps made since the start."""
+        return int(self.control.step[None])
+
+    # -- a step ----------------------------------------------------------------------------------
+
+    def advance(self, steps: int) -> None:
+        """Make ``steps`` >= 1 steps of velocity Verlet: half kick, drift, forces, half kick."""
+        self._keep_good_state()
+        self.drivers.begin()
+        left = steps - 1
+        while True:
+            self._answer()
+            self._solve_on_host()
+            if left == 0:
+                break
+            left -= self._make_steps(left)
+        self.drivers.evaluate(self.time_step)
+        self.drivers.finish()
+        self._answer()
+
+    def _make_steps(self, most: int) -> int:
+        """As many steps as can be made before the host is needed, at most ``most``."""
+        if self.exchange is not None and self.exchange.hosted:
+            most = 1
+        return self.pace.advance(
+            most, {"serial": self.drivers.serial, "parallel": self.drivers.loop}
+        )
+
+    def _solve_on_host(self) -> None:
+        if self.exchange is not None and self.exchange.hosted:
+            self.exchange.update_on_host()
+
+    def _answer(self) -> None:
+        """Do what the kernels called the host for."""
+        stale, deep, unsolved = self.control.flags.to_numpy()
+        if deep:
+            records = self.records()
+            row, why = guards.describe_deepest(
+                records, self.scene.spheres.radius, float(self.control.deepest[None])
+            )
+            self._stop(why, row)
+        if unsolved:
+            self._stop(
+                "the contacts with the substrate found no equilibrium. Try a smaller time step or "
+                "a larger residual",
+                None,
+            )
+        if stale:
+            self.rebuild()
+
+    def _stop(self, why: str, row: int | None) -> None:
+        when = self.step * self.time_step
+        good = self._good
+        self.particles.write(good["position"], good["velocity"], good["omega"])
+        self.boundaries.write(good["motion"])
+        self.control.step[None] = good["step"]
+        self.control.flags.fill(0)
+        self.rebuild(remember=False)
+        self.drivers.evaluate(0.0)
+        raise SimulationStopped(f"at t = {when:.6g} s {why}.", row, good)
+
+    def _keep_good_state(self) -> None:
+        state = self.particles.read()
+        self._good = {
+            "time": self.step * self.time_step,
+            "step": self.step,
+            "position": state["position"],
+            "velocity": state["velocity"],
+            "omega": state["omega"],
+            "motion": self.boundaries.read(),
+        }
+
+    # -- lists -----------------------------------------------------------------------------------
+
+    def rebuild(self, remember: bool = True) -> None:
+        """Make the contact list anew; what the contacts remember goes along."""
+        row = guards.first_offender(self.particles, self.time_step)
+        if row >= 0:
+            self._stop(guards.describe_offender(self.particles, row, self.time_step), row)
+        if self.skin.rebuilt(self.step):
+            self.grid.cell_size[None] = self._set_skin()
+        self.lost += self.energy.take_loss()
+        self.neighbors.save(remember)
+        self.grid.sort()
+        if self.particles.count > REORDER_ABOVE and self.rebuilds % REORDER_EVERY == 0:
+            self.particles.reorder(self.grid.particle)
+            if self.exchange is not None:
+                self.exchange.reorder(self.grid.particle)
+            self.grid.number_in_order()
+        total = self.neighbors.count()
+        if total > self.contacts.capacity:
+            self._make_list(int(GROWTH * total))
+            self.neighbors.count()
+        self.neighbors.fill()
+        if self.boundaries.any_moves:
+            self.boundaries.enrol(self.contacts)
+        if self.exchange is not None:
+            self.exchange.enrol(self.contacts)
+        self.control.flags[STALE] = 0
+        self.rebuilds += 1
+
+    def _make_list(self, capacity: int) -> None:
+        """A contact list of ``capacity``, and the kernels that work on it."""
+        history = history_of(self.scene.law)
+        old = getattr(self, "contacts", None)
+        self.contacts = ContactList(self.particles.count, capacity, history, self._dissipates())
+        self._trees.append(self.contacts.tree)
+        if old is not None:
+            self.contacts.inherit(old)
+        self.neighbors = Neighbors(
+            self.particles,
+            self.boundaries,
+            self.contacts,
+            self.grid,
+            self.control,
+            self._soil >= 0,
+        )
+        self.forces = Forces(
+            self.scene.law,
+            self._coefficients,
+            self.particles,
+            self.boundaries,
+            self.contacts,
+            self.exchange,
+            self._soil,
+            self.control,
+        )
+        rotates = self.scene.law.tangential is not None
+        verlet = Verlet(self.particles, self.control, rotates)
+        self.drivers = Drivers(self.forces, verlet, self.boundaries, self.exchange, self.control)
+        self.energy = Energy(self.forces, self.exchange, self.boundaries)
+        if old is not None:
+            self._trees.remove(old.tree)
+            old.tree.destroy()
+
+    def _dissipates(self) -> bool:
+        law, names = self.scene.law, [material.name for material in self.scene.materials]
+        elastic = all(law.between("normal", a, b).restitution == 1 for a in names for b in names)
+        return law.tangential is not None or not elastic
+
+    def _set_skin(self) -> float:
+        """Put the skin's width in force; returns the cell size that goes with it."""
+        self.control.skin[None] = self.skin.width
+        return best_cell_size(
+            self.scene.spheres.radius, self.skin.width, float(np.prod(self._extent))
+        )
+
+    def _make_exchange(self, builder: "ti.FieldsBuilder") -> Exchange | None:
+        substrate = self.scene.substrate
+        if substrate is None or substrate.exchange == "none":
+            return None
+        return Exchange(
+            substrate,
+            self.particles,
+            self.scene.law,
+            self._coefficients["normal"],
+            self._soil,
+            self.control,
+            builder,
+        )
+
+    # -- looking ---------------------------------------------------------------------------------
+
+    def particle_state(self) -> ParticleState:
+        """The spheres now, in the user's order."""
+        state = self.particles.read()
+        state["force"] += self.mass[:, None] * np.array(self.scene.gravity)
+        return ParticleState(
+            **state, radius=self.scene.spheres.radius, mass=self.mass, material=self.material
+        )
+
+    def records(self) -> np.ndarray:
+        """The touching contacts now."""
+        return contact_records(
+            self.contacts, self.particles, self.boundaries, self.particle_state()
+        )
+
+    def energy_parts(self) -> dict[str, float]:
+        """Where the energy is now, J."""
+        return self.energy.parts(np.array(self.scene.gravity), self.lost)
+
+
+def _destroy(trees: list[Any]) -> None:
+    for tree in trees:
+        tree.destroy()

@@ -1,0 +1,46 @@
+"""What the fields of a simulation occupy, counted from the fields themselves."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from taichi_dem.grid import BLOCK, Grid
+from taichi_dem.simulation import Simulation
+from taichi_dem.types import ti
+
+
+def memory(sim: Simulation) -> dict[str, int]:
+    """Bytes by part, as the simulation is now; the contact list may grow later."""
+    grid = sim._grid
+    parts = {
+        "particles": fields(sim._particles) + size(sim._reference),
+        "contact list": fields(sim._list),
+        "cells": fields(grid) if grid.dense else sparse(grid),
+        "boundaries": fields(sim._boundaries),
+    }
+    if sim._exchange is not None:
+        parts["substrate"] = fields(sim._exchange) + fields(sim._exchange.solver)
+    return parts
+
+
+def fields(owner: Any) -> int:
+    """Bytes of the fields that are attributes of ``owner``."""
+    return sum(size(value) for value in vars(owner).values() if isinstance(value, ti.Field))
+
+
+def size(field: Any) -> int:
+    """Bytes of one field: scalar, vector or struct."""
+    if hasattr(field, "keys"):
+        return sum(size(field.get_member_field(name)) for name in field.keys)
+    components = getattr(field, "n", 1) * getattr(field, "m", 1)
+    return math.prod(field.shape) * components * int(str(field.dtype)[1:]) // 8
+
+
+def sparse(grid: Grid) -> int:
+    """Bytes of a grid whose blocks exist only where they are occupied."""
+    whole = size(grid.block_population) + size(grid.population) + size(grid.end)
+    pointers = 8 * math.prod(grid.block_population.shape)
+    block = size(grid.block_population) // math.prod(grid.block_population.shape)
+    block += BLOCK**3 * (size(grid.population) + size(grid.end)) // math.prod(grid.end.shape)
+    return fields(grid) - whole + pointers + int(grid.occupied_count[0]) * block

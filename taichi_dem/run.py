@@ -1,0 +1,172 @@
+"""``taichi-dem run``: a scene file, run into a folder, with words at the start and the end."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import sys
+import time
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_dem import folder as folders
+from taichi_dem import scene_file
+from taichi_dem.output import Frames, History, Output, Progress, State, Summary
+from taichi_dem.scene import Scene
+from taichi_dem.scene_file import Run
+from taichi_dem.validation import InputError, Problem
+from taichi_dem.wording import clock, count, quantity, span
+
+FRAMES = 100  # in a run whose file does not say how often
+ROWS = 1000  # of history, likewise
+
+
+def run(
+    path: Path,
+    folder: Path,
+    overrides: Sequence[str] = (),
+    duration: float | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Run the scene at ``path``, write into ``folder`` and say on standard output what happened.
+
+    ``overrides`` as in :func:`taichi_dem.scene_file.read`; ``duration`` (s) replaces the file's.
+    Raises ``InputError`` before anything is written; ``KeyboardInterrupt`` (Ctrl-C) and
+    ``SimulationStopped`` after what was computed has been written, the last good state included.
+    """
+    scene, plan = read(path, overrides, duration)
+    folders.check_free(folder, overwrite)
+    print(f"{count(scene.spheres.count, 'sphere')}; compiling …", flush=True)
+
+    from taichi_dem.simulation import Simulation, SimulationStopped
+
+    with plain_warnings():
+        sim = Simulation(scene, plan.dt)
+        steps, simulated = length(plan, sim.dt)
+        print(f"{count(steps, 'step')} of {quantity(sim.dt, 's')}, {sim.dt_reason}", flush=True)
+        folders.clear(folder)
+        start = time.perf_counter()
+        try:
+            sim.run(steps=steps, outputs=outputs(plan, simulated, folder))
+        except SimulationStopped as stop:
+            _finish(sim, folder, time.perf_counter() - start)
+            last = folder / folders.LAST_GOOD
+            state = {name: stop.last_good[name] for name in ("position", "velocity", "omega")}
+            dataclasses.replace(scene.spheres, **state).to_npz(last)
+            print(f"  last good state at t = {quantity(stop.last_good['time'], 's')}: {last}")
+            raise
+        except KeyboardInterrupt:
+            _finish(sim, folder, time.perf_counter() - start)
+            raise
+        _finish(sim, folder, time.perf_counter() - start)
+
+
+def read(path: Path, overrides: Sequence[str], duration: float | None) -> tuple[Scene, Run]:
+    """The scene at ``path`` and how long to run it; ``InputError`` if nothing says so."""
+    scene, plan = scene_file.read(path, overrides)
+    if duration is not None:
+        try:
+            plan = dataclasses.replace(plan, duration=duration, steps=None)
+        except InputError as error:
+            raise InputError([p.under("run") for p in error.problems]) from None
+    if plan.duration is None and plan.steps is None:
+        rule = "is missing: give it (s) or run.steps in the file, or --duration"
+        raise InputError([Problem("run.duration", None, rule)])
+    return scene, plan
+
+
+def length(plan: Run, dt: float) -> tuple[int, float]:
+    """Steps, and simulated time in s; at least the duration that was asked for."""
+    steps = plan.steps or int(np.ceil(plan.duration / dt * (1 - 1e-12)))  # type: ignore[operator]
+    return steps, steps * dt
+
+
+def outputs(plan: Run, simulated: float, folder: Path) -> list[Output]:
+    """What a run writes; without the vtk library, no frames."""
+    frames = plan.frames or simulated / FRAMES
+    pictured: Output = State(folder, frames)
+    if importlib.util.find_spec("vtkmodules"):
+        pictured = Frames(folder, frames)
+    else:
+        print("no frames for ParaView: they need the vtk library, pip install 'taichi-dem[view]'")
+    history = History(folder, plan.history or simulated / ROWS)
+    return [Summary(folder), history, pictured, Progress(simulated)]
+
+
+@contextmanager
+def plain_warnings() -> Iterator[None]:
+    """Warnings as lines for people, above the progress bar."""
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        line = f"warning: {message}"
+        if "tqdm" in sys.modules:
+            sys.modules["tqdm"].tqdm.write(line, file=sys.stderr)
+        else:
+            print(line, file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", RuntimeWarning)
+        warnings.showwarning = show
+        yield
+
+
+def _finish(sim: Any, folder: Path, wall: float) -> None:
+    """Say what happened, and draw the pictures."""
+    for line in closing(sim, wall):
+        print(line)
+    try:
+        written = [path.name for path in folders.draw(folder)]
+    except ImportError as error:
+        print(error)
+        written = []
+    names = ("summary.json", "history.csv", "frames.pvd", "state.npz")
+    written = [name for name in names if (folder / name).exists()] + written
+    print(f"  written     {', '.join(written)} in {folder}", flush=True)
+
+
+def closing(sim: Any, wall: float) -> Iterator[str]:
+    """How the run ended, how fast it was and where things are."""
+    outcome = sim.summary()["outcome"].partition(":")[0]
+    yield (
+        f"{outcome}: {quantity(sim.time, 's')} simulated in {clock(wall)}, "
+        f"{count(sim.steps, 'step')}, {sim.steps / wall:,.0f} steps/s"
+    )
+    state, radius = sim.particles, sim.scene.spheres.radius[:, None]
+    box = [
+        span([(state.position - radius)[:, k].min(), (state.position + radius)[:, k].max()], "m")
+        for k in range(3)
+    ]
+    fastest = float(np.linalg.norm(state.velocity, axis=1).max())
+    yield (f"  spheres     x {box[0]}, y {box[1]}, z {box[2]}; fastest {quantity(fastest, 'm/s')}")
+    yield (
+        f"  contacts    {sim.coordination():.3g} per sphere, deepest overlap "
+        f"{sim.largest_overlap():.2%} of the smaller radius"
+    )
+    if (ground := sim.substrate) is not None:
+        wide = np.max(ground.contact_radius / sim.scene.spheres.radius[ground.particle], initial=0)
+        weight = np.linalg.norm(sim.scene.gravity) * state.mass.sum()
+        yield (
+            f"  substrate   {count(len(ground.force), 'contact')}, "
+            f"{quantity(ground.force.sum(), 'N')} in all (the spheres weigh "
+            f"{quantity(weight, 'N')}), contact radius up to {wide:.2f} of the sphere's"
+        )
+    for k, (wall_state, wall) in enumerate(zip(sim.boundaries, sim.scene.boundaries, strict=True)):
+        if wall.kind == "Piston":
+            normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
+            moved = float((wall_state.position - np.array(wall.point)) @ normal)
+            push = float(-wall_state.force @ normal)
+            yield (
+                f"  boundary {k}  piston moved by {quantity(moved, 'm')}, pressed back with "
+                f"{quantity(push, 'N')}"
+            )
+    energy = {part: quantity(value, "J") for part, value in sim.energy().items()}
+    shown = [part for part in ("kinetic", "dissipated", "balance_error") if part in energy]
+    listed = ", ".join(f"{part.replace('_', ' ')} {energy[part]}" for part in shown)
+    yield f"  energy      {listed}"
+    for name, times in sim.warnings.items():
+        yield f"  warning     {name.replace('_', ' ')}: {count(times, 'time')}"

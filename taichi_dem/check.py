@@ -47,7 +47,7 @@ def check(path: Path, overrides: Sequence[str] = (), duration: float | None = No
         _say("time step", f"{quantity(sim.dt, 's')}: {sim.dt_reason}")
         _say("length", f"{quantity(simulated, 's')}, {count(steps, 'step')}")
         _say("output", _output(plan, simulated))
-        parts = memory(sim)
+        parts = memory(sim._engine)
         listed = ", ".join(f"{name} {in_bytes(size)}" for name, size in parts.items())
         _say("memory", f"{in_bytes(sum(parts.values()))} of fields: {listed}")
         _say("run time", run_time(sim, steps, built))
@@ -93,7 +93,8 @@ def effects(sim: Any) -> Iterator[tuple[str, str]]:
     """What has been compiled, and why; what the scene leaves out."""
     from taichi_dem.contacts.law import LAWS
 
-    scene, law, contacts = sim.scene, sim.scene.law, sim._list
+    engine, scene, law = sim._engine, sim.scene, sim.scene.law
+    contacts, rotates = engine.contacts, engine.forces.rubs
     on, off = [], [slot for slot, kinds in LAWS.items() if kinds and slot not in law.parts()]
     for slot, part in law.parts().items():
         special = [" on ".join(names) for names, laws in law.pairs.items() if slot in laws]
@@ -101,7 +102,7 @@ def effects(sim: Any) -> Iterator[tuple[str, str]]:
         on.append((f"{slot} law", f"{part}{but}"))
     if scene.substrate is not None:
         on.append(("substrate", _coupling(scene.substrate)))
-    if sim._forces.rubs:
+    if rotates:
         on.append(("rotation", "because friction makes torque"))
     if contacts.has_history:
         held = [f"{name} ({slot} law)" for slot, p in law.parts().items() for name, _ in p.history]
@@ -114,7 +115,7 @@ def effects(sim: Any) -> Iterator[tuple[str, str]]:
         on.append(("motion", f"of boundary {', '.join(moving)}"))
     absent = {
         "substrate": scene.substrate is None,
-        "rotation": not sim._forces.rubs,
+        "rotation": not rotates,
         "history": not contacts.has_history,
         "dissipation": not contacts.dissipates,
         "moving boundaries": not moving,

@@ -142,6 +142,7 @@ class Engine:
         self.control.step[None] = good["step"]
         self.control.flags.fill(0)
         self.rebuild(remember=False)
+        self.lost = good["lost"]
         self.drivers.evaluate(0.0)
         raise SimulationStopped(f"at t = {when:.6g} s {why}.", row, good)
 
@@ -154,13 +155,14 @@ class Engine:
             "velocity": state["velocity"],
             "omega": state["omega"],
             "motion": self.boundaries.read(),
+            "lost": self.lost,
         }
 
     # -- lists -----------------------------------------------------------------------------------
 
     def rebuild(self, remember: bool = True) -> None:
         """Make the contact list anew; what the contacts remember goes along."""
-        row = guards.first_offender(self.particles, self.time_step)
+        row = guards.first_offender(self.particles, self.time_step) if remember else -1
         if row >= 0:
             self._stop(guards.describe_offender(self.particles, row, self.time_step), row)
         if self.skin.rebuilt(self.step):

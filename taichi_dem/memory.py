@@ -5,22 +5,22 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from taichi_dem.engine import Engine
 from taichi_dem.grid import BLOCK, Grid
-from taichi_dem.simulation import Simulation
 from taichi_dem.types import ti
 
 
-def memory(sim: Simulation) -> dict[str, int]:
-    """Bytes by part, as the simulation is now; the contact list may grow later."""
-    grid = sim._grid
+def memory(engine: Engine) -> dict[str, int]:
+    """Bytes by part, as they are now; the contact list may grow later."""
+    grid = engine.grid
     parts = {
-        "particles": fields(sim._particles) + size(sim._reference),
-        "contact list": fields(sim._list),
+        "particles": fields(engine.particles),
+        "contact list": fields(engine.contacts),
         "cells": fields(grid) if grid.dense else sparse(grid),
-        "boundaries": fields(sim._boundaries),
+        "boundaries": fields(engine.boundaries),
     }
-    if sim._exchange is not None:
-        parts["substrate"] = fields(sim._exchange) + fields(sim._exchange.solver)
+    if engine.exchange is not None:
+        parts["substrate"] = fields(engine.exchange) + fields(engine.exchange.solver)
     return parts
 
 

@@ -43,19 +43,20 @@ class Pace:
             self.driver = "serial"
         elif asked == "auto" and particles > PARALLEL_ABOVE:
             self.driver = "parallel"
-        self._cost: dict[str, float] = {}
+        self._trials = ["serial", "parallel"]
+        self._warm, self._cost = "", {}
 
     def advance(self, steps: int, ways: dict[str, Callable[[int], int]]) -> int:
         """Make at most ``steps`` steps; returns how many were made."""
         if self.driver != "auto":
             return ways[self.driver](steps)
-        name = "serial" if len(self._cost) % 2 == 0 else "parallel"
-        ways[name](1)  # compiled, and with warm caches
-        if steps == 1:
-            return 1
+        name = self._trials[0]
+        if self._warm != name:  # compile it and warm the caches first
+            self._warm = name
+            return ways[name](1)
         start = time.perf_counter()
-        made = ways[name](min(steps - 1, TRIAL_STEPS))
-        self._cost[name] = (time.perf_counter() - start) / max(made, 1)
-        if len(self._cost) == 2:
-            self.driver = min(self._cost, key=self._cost.__getitem__)
-        return 1 + made
+        made = ways[name](min(steps, TRIAL_STEPS))
+        self._cost[self._trials.pop(0)] = (time.perf_counter() - start) / max(made, 1)
+        if not self._trials:
+            self.driver = min(self._cost, key=lambda tried: self._cost[tried])
+        return made

@@ -1,11 +1,9 @@
-"""The settled bed in the input languages of LIGGGHTS and LAMMPS, and what their logs say of it.
+"""The settled bed in LIGGGHTS and LAMMPS: timed runs, and what their logs say of the end.
 
-Both read the same data file (atom style ``granular`` and ``sphere`` have the same columns) and take
-the same laws: Hertz, a Mindlin spring with history, Coulomb friction, and the dashpot of Tsuji et
-al. that gives a constant restitution.
+Both read the same data file and take the same laws: Hertz, a Mindlin spring with history, Coulomb
+friction, and the dashpot of Tsuji et al. that gives a constant restitution.
 """
 
-import os
 import re
 import shutil
 import subprocess
@@ -13,69 +11,45 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-import bed as beds
-from bed import Bed
+import numpy as np
 
-COMMANDS = {"liggghts": "liggghts", "lammps": "lmp"}
+import taichi_dem as dem
+from benchmarks import liggghts
 
-COMMON = """\
-units si
-boundary f f f
-newton off
-processors * * *
-read_data bed.data
-neighbor {skin} bin
-neigh_modify delay 0 every 1 check yes
-timestep {dt}
-"""
+BINARIES = {"liggghts": "liggghts", "lammps": "lmp"}
+LAUNCHER = ("mpirun", "--allow-run-as-root", "--oversubscribe")
 
-LIGGGHTS = (
-    "atom_style granular\natom_modify map array\ncommunicate single vel yes\n"
-    + COMMON
-    + """\
-fix m1 all property/global youngsModulus peratomtype {young}
-fix m2 all property/global poissonsRatio peratomtype {poisson}
-fix m3 all property/global coefficientRestitution peratomtypepair 1 {restitution}
-fix m4 all property/global coefficientFriction peratomtypepair 1 {friction}
-pair_style gran model hertz tangential history
-pair_coeff * *
-fix g all gravity {gravity} vector 0 0 -1
-{walls}
-fix move all nve/sphere
+# thermo_modify comes after thermo_style, which sets its own
+WATCHED = """\
 compute touching all contact/atom
-"""
-)
-LIGGGHTS_WALL = (
-    "fix w{k} all wall/gran model hertz tangential history primitive type 1 {axis}plane {place}"
-)
-
-LAMMPS = (
-    "atom_style sphere\ncomm_modify vel yes\n"
-    + COMMON
-    + """\
-pair_style granular
-pair_coeff * * {model}
-fix g all gravity {gravity} vector 0 0 -1
-{walls}
-fix move all nve/sphere
-compute touching all contact/atom
-"""
-)
-LAMMPS_MODEL = (
-    "hertz/material {young} {restitution} {poisson} damping tsuji "
-    "tangential mindlin NULL 1.0 {friction}"
-)
-LAMMPS_WALL = "fix w{k} all wall/gran granular {model} {axis}plane {low} {high}"
-
-RUN = """\
 compute total all reduce sum c_touching
 compute turning all erotate/sphere
 thermo_style custom step atoms ke c_total c_turning
 thermo_modify norm no lost error
-thermo {steps}
-run {warm_up}
-run {steps}
 """
+
+LAMMPS = """\
+units si
+atom_style sphere
+comm_modify vel yes
+boundary f f f
+newton off
+read_data {data}
+neighbor {skin!r} bin
+neigh_modify delay 0 every 1 check yes
+timestep {dt!r}
+pair_style granular
+pair_coeff * * {model}
+fix gravity all gravity {gravity!r} vector 0 0 -1
+{walls}
+fix motion all nve/sphere
+thermo {warm_up}
+run {warm_up}
+"""
+MODEL = (
+    "hertz/material {young!r} {restitution!r} {poisson!r} damping tsuji "
+    "tangential mindlin NULL 1.0 {friction!r}"
+)
 
 
 @dataclass(frozen=True)
@@ -89,76 +63,63 @@ class Timing:
 
 def available(code: str) -> bool:
     """Whether the program and an MPI launcher are installed."""
-    return bool(shutil.which(COMMANDS[code]) and shutil.which("mpirun"))
+    return bool(shutil.which(BINARIES[code]) and shutil.which(LAUNCHER[0]))
 
 
-def run(code: str, bed: Bed, steps: int, warm_up: int, skin: float, ranks: int) -> Timing:
+def run(
+    code: str, scene: dem.Scene, dt: float, steps: int, warm_up: int, skin: float, ranks: int
+) -> Timing:
     """Time ``steps`` steps of ``code`` after ``warm_up`` untimed ones; ``skin`` in m."""
-    with tempfile.TemporaryDirectory() as folder:
-        write_input(code, bed, Path(folder), steps, warm_up, skin)
-        command = [
-            *("mpirun", "--allow-run-as-root", "--oversubscribe", "-np", str(ranks)),
-            *(COMMANDS[code], "-in", "bed.in", "-log", "log", "-screen", "none"),
-        ]
-        environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-        done = subprocess.run(
-            command, cwd=folder, env=environment, capture_output=True, text=True
-        )
-        log = Path(folder, "log")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        script = folder / liggghts.SCRIPT
+        if code == "liggghts":
+            liggghts.write(folder, scene, dt=dt, steps=warm_up, skin=skin)
+        else:
+            liggghts.write_data(folder / liggghts.DATA, scene)
+            script.write_text(_lammps(scene, dt, warm_up, skin))
+        with script.open("a") as file:
+            file.write(f"{WATCHED}thermo {steps}\nrun {steps}\n")
+        command = [*LAUNCHER, "-np", str(ranks), BINARIES[code], "-in", script.name]
+        command += ["-log", liggghts.LOG, "-screen", "none"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+        log = folder / liggghts.LOG
         text = log.read_text() if log.exists() else ""
     if done.returncode:
         raise RuntimeError(f"{code} failed:\n{text[-1000:]}{done.stderr[-1000:]}")
     return read_log(text)
 
 
-def write_input(
-    code: str, bed: Bed, folder: Path, steps: int, warm_up: int, skin: float
-) -> None:
-    """Write ``bed.in`` and ``bed.data``."""
-    glass = beds.glass()
-    numbers = {
-        "skin": skin,
-        "dt": beds.TIME_STEP,
-        "young": glass.youngs_modulus,
-        "poisson": glass.poissons_ratio,
-        "restitution": beds.RESTITUTION,
-        "friction": beds.FRICTION,
-        "gravity": beds.GRAVITY,
-        "steps": steps,
-        "warm_up": warm_up,
-    }
-    if code == "liggghts":
-        places = [("x", 0.0), ("x", bed.width), ("y", 0.0), ("y", bed.width), ("z", 0.0)]
-        walls = [LIGGGHTS_WALL.format(k=k, axis=a, place=p) for k, (a, p) in enumerate(places)]
-        text = LIGGGHTS
-    else:
-        numbers["model"] = LAMMPS_MODEL.format(**numbers)
-        spans = [("x", 0.0, bed.width), ("y", 0.0, bed.width), ("z", 0.0, "NULL")]
-        walls = [
-            LAMMPS_WALL.format(k=k, axis=a, low=low, high=high, **numbers)
-            for k, (a, low, high) in enumerate(spans)
-        ]
-        text = LAMMPS
-    (folder / "bed.in").write_text((text + RUN).format(walls="\n".join(walls), **numbers))
-    write_data(folder / "bed.data", bed, glass.density)
-
-
-def write_data(path: Path, bed: Bed, density: float) -> None:
-    """Write the spheres: id, type, diameter, density, x, y, z."""
-    margin, top = beds.RADIUS, float(bed.position[:, 2].max()) + 10 * beds.RADIUS
-    with open(path, "w") as file:
-        file.write(f"settled bed\n\n{bed.count} atoms\n1 atom types\n\n")
-        for axis in "xy":
-            file.write(f"{-margin} {bed.width + margin} {axis}lo {axis}hi\n")
-        file.write(f"{-margin} {top} zlo zhi\n\nAtoms\n\n")
-        for k, (x, radius) in enumerate(zip(bed.position, bed.radius, strict=True), start=1):
-            centre = " ".join(f"{value:.17g}" for value in x)
-            file.write(f"{k} 1 {2 * radius:.17g} {density} {centre}\n")
-
-
 def read_log(text: str) -> Timing:
-    """Seconds of the last time loop and the last line of numbers before it."""
+    """Seconds of the last time loop, and the last line of numbers before it."""
     seconds = float(re.findall(r"Loop time of (\S+)", text)[-1])
-    table = text[: text.rindex("Loop time of")].strip().splitlines()[-1].split()
-    _, _, moving, contacts, turning = map(float, table)
+    table = text[: text.rindex("Loop time of")].strip().splitlines()
+    _, _, moving, contacts, turning = map(float, table[-1].split())
     return Timing(seconds, contacts / 2, moving + turning)
+
+
+def _lammps(scene: dem.Scene, dt: float, warm_up: int, skin: float) -> str:
+    """The script of a bed of one material between fixed walls across the axes."""
+    (material,) = scene.materials
+    model = MODEL.format(
+        young=material.youngs_modulus,
+        poisson=material.poissons_ratio,
+        restitution=scene.law.normal.restitution,
+        friction=scene.law.tangential.friction,
+    )
+    faces = [face for wall in scene.boundaries for face in wall.faces()]
+    walls = []
+    for k, (point, normal) in enumerate(faces):
+        axis = int(np.argmax(np.abs(normal)))
+        ends = [repr(float(point[axis])), "NULL"]
+        low, high = ends if normal[axis] > 0 else reversed(ends)
+        walls.append(f"fix wall{k} all wall/gran granular {model} {'xyz'[axis]}plane {low} {high}")
+    return LAMMPS.format(
+        data=liggghts.DATA,
+        skin=skin,
+        dt=dt,
+        model=model,
+        gravity=float(-scene.gravity[2]),
+        walls="\n".join(walls),
+        warm_up=warm_up,
+    )

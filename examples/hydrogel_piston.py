@@ -1,11 +1,10 @@
-"""A flat piston presses 514 hydrogel beads in a box, twice, as in a measured experiment.
+"""A flat piston presses hydrogel beads in a box, twice, as in a measured experiment.
 
-    python examples/hydrogel_piston.py particles.data [--reference forces.csv] [--out folder]
+python examples/hydrogel_piston.py particles.data --reference forces.csv -o out/hydrogel_piston
 
-``particles.data`` is the packing at the start in LAMMPS format (id type diameter density x y z).
-The piston goes down by 30 mm in 0.3 s, up, down and up again.  The mean force on it before every
-5 ms goes to ``piston_force.csv`` and, over the curve of a reference if one is given, to
-``piston_force.png``; energies and contacts go to ``history.csv``.
+``particles.data`` is the measured packing in LAMMPS format (id type diameter density x y z);
+without it the beads are packed at random.  The piston goes down by 30 mm in 0.3 s, up, down and up
+again.  The mean force on it before every 5 ms is written and drawn over the force in a reference.
 
 Source: N. Brodu, J. A. Dijksman and R. P. Behringer, Nature Communications 6 (2015) 6361.  Without
 their multi-contact effect, as here, the beads are softer than the measured ones.
@@ -21,9 +20,10 @@ from typing import Any
 import numpy as np
 
 import taichi_dem as dem
-from taichi_dem import style
+from taichi_dem import plot, style
 from taichi_dem.writing import replacing
 
+BEADS, RADII = 500, (9.5e-3, 11.6e-3)  # of a random packing; m
 GEL = dem.Material("hydrogel", density=11.5, youngs_modulus=23.3e3, poissons_ratio=0.5)
 WALL = dem.Material("wall", density=1200, youngs_modulus=50e6, poissons_ratio=0.5)
 BOX = (0.165190844117647, 0.165833589215686)  # m, inner width and depth
@@ -40,6 +40,12 @@ NAME = "piston_force"
 def packing(path: Path | str) -> dem.Spheres:
     """The beads of a LAMMPS data file."""
     return dem.Spheres.from_lammps_data(path, GEL)
+
+
+def random_packing(count: int = BEADS) -> dem.Spheres:
+    """Beads of about the measured sizes that just do not touch."""
+    region = ((0.0, 0.0, 0.0), (*BOX, HIGHEST))
+    return dem.Spheres.generate(GEL, radius=("uniform", *RADII), region=region, count=count, seed=1)
 
 
 def scene(beads: dem.Spheres) -> dem.Scene:
@@ -111,14 +117,14 @@ def read_reference(path: Path | str) -> np.ndarray:
 
 def draw(curve: np.ndarray, reference: np.ndarray | None, folder: Path) -> Path:
     """Force against time and against the piston's way down."""
-    curves = [("taichi-dem", curve[:, 1], curve[:, 3])]
+    pale = {"color": "#bbbbbb", "linewidth": 3.5}
+    curves = [("taichi-dem", curve[:, 1], curve[:, 3], style.line(style.PALETTE[0], len(curve)))]
     if reference is not None:
-        curves.append(("LIGGGHTS", reference[:, 0] * TIME_STEP, reference[:, 1]))
+        curves.insert(0, ("reference", reference[:, 0] * TIME_STEP, reference[:, 1], pale))
     drawing = style.figure(8.0, 3.4)
     over_time, over_way = drawing.subplots(1, 2, sharey=True)
-    for (label, time, force), color in zip(curves, style.PALETTE, strict=False):
-        look = style.line(color, len(time)) | {"label": label}
-        over_time.plot(time, force, **look)
+    for label, time, force, look in curves:
+        over_time.plot(time, force, label=label, **look)
         over_way.plot((HIGHEST - piston_height(time)) * 1e3, force, **look)
     over_time.set(xlabel="time (s)", ylabel="force on the piston (N)")
     over_way.set(xlabel="way down (mm)")
@@ -130,37 +136,40 @@ def draw(curve: np.ndarray, reference: np.ndarray | None, folder: Path) -> Path:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the whole program, or its first ``--duration`` seconds."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("packing", type=Path, help="LAMMPS data file of the beads")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("packing", type=Path, nargs="?", help="LAMMPS data file of the beads")
     parser.add_argument("--reference", type=Path, help="CSV: step, force (N)")
-    parser.add_argument("--out", type=Path, default=Path("out/hydrogel_piston"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/hydrogel_piston"))
+    parser.add_argument("--spheres", type=int, default=BEADS, help="of a random packing")
     parser.add_argument("--duration", type=float, default=PROGRAM[-1][0], help="s")
-    options = parser.parse_args(arguments)
-    options.out.mkdir(parents=True, exist_ok=True)
+    asked = parser.parse_args(arguments)
 
-    simulation = dem.Simulation(scene(packing(options.packing)), dt=TIME_STEP)
-    force = PistonForce()
-    outputs = (
-        force,
-        dem.History(options.out, every=10 * INTERVAL),
-        dem.Summary(options.out),
-        dem.Progress(options.duration),
+    beads = packing(asked.packing) if asked.packing else random_packing(asked.spheres)
+    sim, force = dem.Simulation(scene(beads), dt=TIME_STEP), PistonForce()
+    sim.run(
+        duration=asked.duration,
+        outputs=[
+            dem.Summary(asked.output),
+            dem.State(asked.output, every=asked.duration / 10),
+            dem.History(asked.output, every=asked.duration / 100),
+            dem.Progress(asked.duration),
+            force,
+        ],
     )
-    try:
-        simulation.run(options.duration, outputs=outputs)
-    finally:
-        force.save(options.out)
 
-    curve = force.curve()
-    reference = read_reference(options.reference) if options.reference else None
-    print(f"{draw(curve, reference, options.out)} and {NAME}.csv are in {options.out}")
-    third = np.isclose(curve[:, 1], 3 * STROKE_TIME)
-    if third.any():
-        print(f"full compression, third stroke: {curve[third, 3][0]:.4f} N", end="")
-        if reference is not None:
-            same = reference[:, 0] == round(3 * STROKE_TIME / TIME_STEP)
-            print(f" (reference {reference[same, 1][0]:.4f} N)", end="")
-        print()
+    curve, reference = force.curve(), None
+    if asked.reference:
+        reference = read_reference(asked.reference)
+    force.save(asked.output)
+    for picture in (*plot.draw(asked.output), draw(curve, reference, asked.output)):
+        print(picture)
+    for time in STROKE_TIME * np.array([1, 3]):
+        for _, _, height, newton in curve[np.isclose(curve[:, 1], time)]:
+            print(f"full compression at {time:g} s, {height * 1e3:.2f} mm: {newton:.4f} N", end="")
+            if reference is not None:
+                given = reference[reference[:, 0] == round(time / TIME_STEP), 1]
+                print(f" (reference {given[0]:.4f} N)", end="")
+            print()
 
 
 if __name__ == "__main__":

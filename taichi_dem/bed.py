@@ -11,7 +11,6 @@ from taichi_dem.snapshot import Snapshot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _CROWD = 20_000  # more spheres than this, and those hidden behind others are left out
 _LAYERS = 8  # of spheres that are kept in front of each spot, then
@@ -19,18 +18,19 @@ _SLENDER = 0.25  # shorter over longer side of the picture, at least
 _SMOOTH = 3_000  # discs at most that are shaded in many steps, since each costs as much as a disc
 
 
-def bed(state: Snapshot, color: str | None = None) -> Figure:
+def draw(axes: Axes, state: Snapshot, view: style.View, factor: float, color: str | None) -> None:
     """Spheres as shaded discs, near ones over far ones, with ground, walls and pistons.
 
-    ``color``: "material" (far spheres paler) or "speed"; by default the material where there are
-    several, else the speed.
+    ``factor`` from m to the unit on the axes, which show the ``view``. ``color``: "material" (far
+    spheres paler), "force" (sum of the normal forces on each) or "speed"; by default the material
+    where there are several, else the force, or the speed while nothing touches.
     """
     if color is None:
-        color = "material" if len(np.unique(state.material)) > 1 else "speed"
-    if color not in ("material", "speed"):
-        raise ValueError(f'color = {color!r}: must be "material" or "speed"')
-    low, high = _view(state)
-    drawing, axes, factor = style.map_figure(low, high, side=0.9)
+        color = "force" if len(state.contact_i) else "speed"
+        color = "material" if len(np.unique(state.material)) > 1 else color
+    if color not in _COLORS:
+        raise ValueError(f"color = {color!r}: must be one of {', '.join(_COLORS)}")
+    low, high = view
     axes.set_ylabel(axes.get_xlabel().replace("x", "z", 1))
     style.title(axes, state.time)
     if state.has_substrate:
@@ -38,10 +38,7 @@ def bed(state: Snapshot, color: str | None = None) -> Figure:
     _draw_walls(axes, state, low, high, factor)
     shown = visible(state)
     if len(shown):
-        colors = (_by_speed if color == "speed" else _by_material)(axes, state, shown)
-        points = 72 * style.map_scale(*(high - low))
-        _draw_spheres(axes, state, shown, colors, factor, points)
-    return drawing
+        _draw_spheres(axes, state, shown, _COLORS[color](axes, state, shown), factor)
 
 
 def visible(state: Snapshot) -> np.ndarray:
@@ -60,7 +57,7 @@ def visible(state: Snapshot) -> np.ndarray:
     return near[depth < _LAYERS][::-1]
 
 
-def _view(state: Snapshot) -> tuple[np.ndarray, np.ndarray]:
+def view(state: Snapshot) -> style.View:
     """Lower and upper corner in x and z: all spheres, the ground, walls that are not far away."""
     finite = np.isfinite(state.position).all(axis=1)
     center, radius = state.position[finite][:, [0, 2]], state.radius[finite, None]
@@ -127,17 +124,32 @@ def _draw_walls(
             axes.plot(*ends.T, color=style.INK, linewidth=width, solid_capstyle="butt", zorder=3)
 
 
+def pressing(state: Snapshot) -> np.ndarray:
+    """Sum of the normal forces on each sphere, (n,) N."""
+    push, n = np.abs(state.normal_force), len(state.radius)
+    pair = state.contact_j >= 0
+    on_j = np.bincount(state.contact_j[pair], push[pair], n)
+    return np.bincount(state.contact_i, push, n) + on_j
+
+
+def _by_force(axes: Axes, state: Snapshot, shown: np.ndarray) -> np.ndarray:
+    return _by_scale(axes, pressing(state)[shown], "N", "sum of normal forces", "YlOrRd")
+
+
 def _by_speed(axes: Axes, state: Snapshot, shown: np.ndarray) -> np.ndarray:
+    speed = np.linalg.norm(state.velocity[shown], axis=1)
+    return _by_scale(axes, speed, "m/s", "speed", "viridis")
+
+
+def _by_scale(axes: Axes, values: np.ndarray, unit: str, label: str, colors: str) -> np.ndarray:
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    speed = np.linalg.norm(state.velocity[shown], axis=1)
-    factor, unit = style.scale_of(speed, "m/s")
-    scale = Normalize(0.0, style.top(speed * factor))
-    mappable = ScalarMappable(scale, colormaps["viridis"])
-    style.color_bar(axes, mappable, f"speed ({unit})")
-    return mappable.to_rgba(speed * factor)
+    factor, unit = style.scale_of(values, unit)
+    mappable = ScalarMappable(Normalize(0.0, style.top(values * factor)), colormaps[colors])
+    style.color_bar(axes, mappable, f"{label} ({unit})")
+    return mappable.to_rgba(values * factor)
 
 
 def _by_material(axes: Axes, state: Snapshot, shown: np.ndarray) -> np.ndarray:
@@ -165,9 +177,8 @@ def _draw_spheres(
     shown: np.ndarray,
     colors: np.ndarray,
     factor: float,
-    points: float,
 ) -> None:
-    """Discs with a highlight; ``points`` per metre decide how thin the outlines must be."""
+    """Discs with a highlight; how large they come out decides how thin the outlines must be."""
     from matplotlib.collections import EllipseCollection
 
     radius, center = state.radius[shown] * factor, state.position[shown][:, [0, 2]] * factor
@@ -178,7 +189,7 @@ def _draw_spheres(
     fill = np.repeat(colors[:, None, :], len(size), axis=1)
     fill[..., :3] += white[:, None] * (1 - fill[..., :3])
     outline = np.zeros(diameters.shape)
-    outline[:, 0] = np.clip(0.05 * points * state.radius[shown] - 0.05, 0.0, 0.5)
+    outline[:, 0] = np.clip(0.05 * style.points(axes) * radius - 0.05, 0.0, 0.5)
     discs = EllipseCollection(
         diameters.ravel(),
         diameters.ravel(),
@@ -192,3 +203,6 @@ def _draw_spheres(
         zorder=2,
     )
     axes.add_collection(discs, autolim=False)
+
+
+_COLORS = {"material": _by_material, "force": _by_force, "speed": _by_speed}

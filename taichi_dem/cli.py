@@ -6,6 +6,7 @@ Nothing heavy is imported before a command needs it, so that ``--help`` answers 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _complain("interrupted")
         return INTERRUPTED
     except BrokenPipeError:  # whoever read the output has enough of it
-        sys.stdout = None  # type: ignore[assignment]  # nothing more to flush at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
     except (OSError, ImportError) as error:
         _complain(str(error))
@@ -126,11 +127,11 @@ def _plot(asked: argparse.Namespace) -> int:
 
 
 def _check_environment() -> None:
-    """Start-up of the half-space's backend reads environment variables, which may be wrong."""
+    """The kernel compiler is chosen by environment variables, which may be wrong."""
     from taichi_dem.validation import InputError, Problem
 
     try:
-        import halfspace.backend  # noqa: F401
+        import taichi_dem.types  # noqa: F401
     except ValueError as error:
         raise InputError([Problem("environment", None, str(error))]) from None
 

@@ -148,7 +148,7 @@ class Engine:
 
     def _keep_good_state(self) -> None:
         state = self.particles.read()
-        self._good = {
+        self._good: dict[str, Any] = {
             "time": self.step * self.time_step,
             "step": self.step,
             "position": state["position"],

@@ -13,7 +13,7 @@ from taichi_dem.validation import InputError, Problem
 from taichi_dem.wording import quantity
 
 LAST_GOOD = "last_good.npz"
-PICTURES = ("bed.png", "depression.png", "energy.png", "piston.png")
+PICTURES = ("overview.png", "bed.png", "depression.png", "energy.png", "piston.png")
 FILES = (SUMMARY, SCENE, "scene.spheres.npz", HISTORY, STATE, LAST_GOOD, INDEX, *PICTURES)
 
 

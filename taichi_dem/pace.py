@@ -44,7 +44,8 @@ class Pace:
         elif asked == "auto" and particles > PARALLEL_ABOVE:
             self.driver = "parallel"
         self._trials = ["serial", "parallel"]
-        self._warm, self._cost = "", {}
+        self._warm = ""
+        self._cost: dict[str, float] = {}
 
     def advance(self, steps: int, ways: dict[str, Callable[[int], int]]) -> int:
         """Make at most ``steps`` steps; returns how many were made."""

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichi_dem import bed as _bed
+from taichi_dem import dents as _dents
 from taichi_dem import style
-from taichi_dem.bed import bed as _bed
 from taichi_dem.output import HISTORY, read_history
 from taichi_dem.snapshot import FILE, Snapshot
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 History = Mapping[str, np.ndarray]
@@ -27,8 +27,8 @@ _BALANCE = "balance_error_J"
 def draw(folder: Path | str) -> list[Path]:
     """Draw every picture that the files in ``folder`` allow, into it; returns their paths.
 
-    depression.png and bed.png from ``state.npz``; energy.png and, with a piston, piston.png from
-    ``history.csv``. FileNotFoundError if the folder has neither file.
+    overview.png, depression.png and bed.png from ``state.npz``; energy.png and, with a piston,
+    piston.png from ``history.csv``. FileNotFoundError if the folder has neither file.
     """
     folder = Path(folder)
     figures: dict[str, Figure] = {}
@@ -37,6 +37,7 @@ def draw(folder: Path | str) -> list[Path]:
     if (folder / FILE).exists():
         state = Snapshot.load(folder)
         if state.has_substrate:
+            figures["overview"] = overview(state)
             figures["depression"] = depression(state)
         figures["bed"] = bed(state)
     if (folder / HISTORY).exists():
@@ -48,12 +49,31 @@ def draw(folder: Path | str) -> list[Path]:
     return [style.save(drawing, folder / f"{name}.png") for name, drawing in figures.items()]
 
 
+def overview(source: Snapshot | Path | str | Any) -> Figure:
+    """The bed from the side, and below it, to the same scale, the depression it leaves.
+
+    ``source``: a :class:`Snapshot`, a run's folder or a simulation; ValueError without a substrate.
+    """
+    state = _state(source)
+    _require_substrate(state)
+    views = style.aligned([_bed.view(state), _dents.view(state)])
+    drawing, (side, above), factor = style.maps(views, side=1.75)
+    _bed.draw(side, state, views[0], factor, None)
+    _dents.draw(above, state, factor)
+    side.set_xlabel("")
+    return drawing
+
+
 def bed(source: Snapshot | Path | str | Any, color: str | None = None) -> Figure:
-    """The spheres from the side, see :func:`taichi_dem.bed.bed`.
+    """The spheres from the side, with the colours of :func:`taichi_dem.bed.draw`.
 
     ``source``: a :class:`Snapshot`, a run's folder or a simulation.
     """
-    return _bed(_state(source), color)
+    state = _state(source)
+    view = _bed.view(state)
+    drawing, (axes,), factor = style.maps([view], side=0.9)
+    _bed.draw(axes, state, view, factor, color)
+    return drawing
 
 
 def depression(source: Snapshot | Path | str | Any) -> Figure:
@@ -62,53 +82,17 @@ def depression(source: Snapshot | Path | str | Any) -> Figure:
     ``source``: a :class:`Snapshot`, a run's folder or a simulation; ValueError without a substrate.
     """
     state = _state(source)
-    if not state.has_substrate:
-        raise ValueError("the scene has no substrate, whose depression could be drawn")
-    x, y = state.grid_x, state.grid_y
-    half = 0.5 * (x[1] - x[0])
-    low, high = np.array([x[0], y[0]]) - half, np.array([x[-1], y[-1]]) + half
-    depth, unit = style.scale_of(state.depression, "m")
-    touched = len(state.substrate_force) > 0
-    drawing, axes, length = style.map_figure(low, high, side=1.75 if touched else 0.9)
-    axes.set_ylabel(axes.get_xlabel().replace("x", "y", 1))
-    image = axes.imshow(
-        state.depression * depth,
-        origin="lower",
-        extent=(low[0] * length, high[0] * length, low[1] * length, high[1] * length),
-        cmap=style.pale_blues(),
-        vmin=0.0,
-        vmax=style.top(state.depression * depth),
-        interpolation="bilinear",
-    )
+    _require_substrate(state)
+    side = 1.75 if len(state.substrate_force) else 0.9
+    drawing, (axes,), factor = style.maps([_dents.view(state)], side)
     style.title(axes, state.time)
-    style.color_bar(axes, image, f"depression ({unit})")
-    if touched:
-        _draw_contacts(axes, state, length, 72 * style.map_scale(*(high - low)))
+    _dents.draw(axes, state, factor)
     return drawing
 
 
-def _draw_contacts(axes: Axes, state: Snapshot, length: float, points: float) -> None:
-    """Circles in the axes' unit, ``length`` per m; ``points`` per m decide on their outlines."""
-    from matplotlib.collections import EllipseCollection
-
-    factor, unit = style.scale_of(state.substrate_force, "N")
-    order = np.argsort(state.substrate_force)
-    diameter = 2 * state.substrate_radius[order] * length
-    circles = EllipseCollection(
-        diameter,
-        diameter,
-        np.zeros(len(order)),
-        units="xy",
-        offsets=state.substrate_position[order] * length,
-        offset_transform=axes.transData,
-        cmap="YlOrRd",
-        edgecolors="white",
-        linewidths=np.clip(0.05 * points * state.substrate_radius[order] - 0.05, 0.0, 0.5),
-    )
-    circles.set_array(state.substrate_force[order] * factor)
-    circles.set_clim(0.0, style.top(state.substrate_force * factor))
-    axes.add_collection(circles, autolim=False)
-    style.color_bar(axes, circles, f"normal force ({unit})", place=1)
+def _require_substrate(state: Snapshot) -> None:
+    if not state.has_substrate:
+        raise ValueError("the scene has no substrate, whose depression could be drawn")
 
 
 def energy(source: History | Path | str) -> Figure:

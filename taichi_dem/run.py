@@ -155,11 +155,11 @@ def closing(sim: Any, wall: float) -> Iterator[str]:
             f"{quantity(ground.force.sum(), 'N')} in all (the spheres weigh "
             f"{quantity(weight, 'N')}), contact radius up to {wide:.2f} of the sphere's"
         )
-    for k, (wall_state, wall) in enumerate(zip(sim.boundaries, sim.scene.boundaries, strict=True)):
-        if wall.kind == "Piston":
-            normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
-            moved = float((wall_state.position - np.array(wall.point)) @ normal)
-            push = float(-wall_state.force @ normal)
+    for k, (now, plate) in enumerate(zip(sim.boundaries, sim.scene.boundaries, strict=True)):
+        if plate.kind == "Piston":
+            normal = np.array(plate.normal) / np.linalg.norm(plate.normal)
+            moved = float((now.position - np.array(plate.point)) @ normal)
+            push = float(-now.force @ normal)
             yield (
                 f"  boundary {k}  piston moved by {quantity(moved, 'm')}, pressed back with "
                 f"{quantity(push, 'N')}"

@@ -253,4 +253,5 @@ def _steps_asked(duration: float | None, steps: int | None, dt: float) -> int:
         return steps
     if problem := number_problem("duration", duration, Range("s", "simulated time", at_least=0)):
         raise InputError([problem])
+    assert duration is not None
     return math.ceil(duration / dt * (1 - 1e-12))

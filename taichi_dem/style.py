@@ -21,7 +21,10 @@ PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8
 INK = "#333333"
 GROUND = "#cdbfa8"
 
+View = tuple[np.ndarray, np.ndarray]  # lower and upper corner, (2,) m
+
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+STEPS = [1, 2, 5, 10]  # between ticks
 _DOTS_PER_INCH = 200
 _FEW = 40  # points of a line that are marked
 
@@ -53,31 +56,47 @@ def top(values: Any) -> float:
     return float(np.max(values, initial=0.0, where=np.isfinite(values))) or 1.0
 
 
-def map_scale(width: float, height: float) -> float:
-    """Inches per unit of length at which a map just fills 5 by 4.6 inches."""
-    return min(5.0 / width, 4.6 / height)
+def maps(views: list[View], side: float) -> tuple[Figure, list[Axes], float]:
+    """Maps in true proportions, one below the other, all to one scale that fills 5 by 4.6 inches.
 
-
-def map_figure(low: np.ndarray, high: np.ndarray, side: float) -> tuple[Figure, Axes, float]:
-    """A map in true proportions: figure, axes, and the factor from m to the unit on its axes.
-
-    ``low``, ``high``: corners of what is shown, (2,) m; ``side``: inches kept free at the right.
+    ``views``: lower and upper corner of what each shows, two (2,) m, over one range of x; ``side``:
+    inches kept free at the right. Returns figure, axes, and the factor from m to the unit on them.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
-    factor, unit = scale_of(high - low, "m")
-    inches = (high - low) * map_scale(*(high - low))
-    whole = inches + np.array([0.75 + side, 0.85])
-    drawing = Figure(figsize=tuple(whole), dpi=_DOTS_PER_INCH)
-    axes = drawing.add_axes((0.75 / whole[0], 0.5 / whole[1], *(inches / whole)))
-    axes.set_aspect("equal")
-    axes.set(xlim=(low[0] * factor, high[0] * factor), ylim=(low[1] * factor, high[1] * factor))
-    for axis, size in zip((axes.xaxis, axes.yaxis), inches, strict=True):
-        axis.set_major_locator(MaxNLocator(int(np.clip(size / 0.5, 2, 8)), steps=[1, 2, 5, 10]))
-    axes.set_xlabel(f"x ({unit})")
-    dress(axes)
-    return drawing, axes, factor
+    extents = np.array([high - low for low, high in views])
+    factor, unit = scale_of(extents, "m")
+    inches = extents * min(5.0 / extents[0, 0], 4.6 / extents[:, 1].max())
+    width = 0.75 + inches[0, 0] + side
+    height = inches[:, 1].sum() + 0.35 + 0.5 * len(views)
+    drawing = Figure(figsize=(width, height), dpi=_DOTS_PER_INCH)
+    panels, below = [], height - 0.35
+    for (low, high), size in zip(views, inches, strict=True):
+        below -= size[1] + 0.5
+        place = (0.75 / width, (below + 0.5) / height, size[0] / width, size[1] / height)
+        axes = drawing.add_axes(place)
+        axes.set_aspect("equal")
+        axes.set(xlim=(low[0] * factor, high[0] * factor), ylim=(low[1] * factor, high[1] * factor))
+        for axis, length in zip((axes.xaxis, axes.yaxis), size, strict=True):
+            axis.set_major_locator(MaxNLocator(int(np.clip(length / 0.5, 2, 8)), steps=STEPS))
+        axes.set_xlabel(f"x ({unit})")
+        dress(axes)
+        panels.append(axes)
+    return drawing, panels, factor
+
+
+def aligned(views: list[View]) -> list[View]:
+    """The views, each as wide as all of them."""
+    left, right = min(low[0] for low, _ in views), max(high[0] for _, high in views)
+    return [(np.array([left, low[1]]), np.array([right, high[1]])) for low, high in views]
+
+
+def points(axes: Axes) -> float:
+    """Typographic points (1/72 inch) per unit on the x axis of a map."""
+    low, high = axes.get_xlim()
+    drawing = cast("Figure", axes.figure)
+    return 72 * axes.get_position().width * drawing.get_size_inches()[0] / (high - low)
 
 
 def dress(axes: Axes) -> None:
@@ -119,7 +138,7 @@ def color_bar(axes: Axes, mappable: Any, label: str, place: int = 0) -> None:
         mappable, cax=drawing.add_axes((left, box.y0, 0.14 / width, box.height)), label=label
     )
     ticks = int(np.clip(box.height * height / 0.4, 2, 8))
-    bar.locator = MaxNLocator(ticks, steps=[1, 2, 5, 10])
+    bar.locator = MaxNLocator(ticks, steps=STEPS)
     bar.outline.set(linewidth=0.7, color=INK)
     bar.update_ticks()
     dress(bar.ax)

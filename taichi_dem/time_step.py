@@ -17,6 +17,7 @@ from taichi_dem.material import Material
 from taichi_dem.scene import Scene
 
 STEPS_PER_CONTACT = 20
+LONGEST_WAY = 0.1  # of the smallest radius, in one step at the speed to be expected
 LEAST_OVERLAP = 0.02  # of the effective radius
 MOST_OVERLAP = 0.3
 UNSTABLE = 2 / math.pi * STEPS_PER_CONTACT  # stable steps at which a lone contact's Verlet diverges
@@ -41,8 +42,8 @@ class _Smallest:
 
 
 def stable_time_step(scene: Scene, normal: Any) -> StableStep:
-    """A twentieth of the shortest contact's half period; ``normal`` are the normal law's
-    ``Coefficients``."""
+    """A twentieth of the shortest contact's half period, and short against the way that a sphere
+    goes in it; ``normal`` are the normal law's ``Coefficients``."""
     speed = expected_speed(scene)
     bodies = [_smallest(scene, index) for index in range(len(scene.spheres.materials))]
     walls = [
@@ -58,6 +59,10 @@ def stable_time_step(scene: Scene, normal: Any) -> StableStep:
         for k, a in enumerate(bodies)
         for b in (*bodies[k:], *walls)
     ]
+    if speed > 0:
+        way = LONGEST_WAY * float(scene.spheres.radius.min())
+        reason = f"the time for {LONGEST_WAY:g} of the smallest radius at {speed:.2g} m/s"
+        candidates.append(StableStep(way / speed, reason))
     return min(candidates, key=lambda candidate: candidate.value)
 
 

@@ -53,7 +53,7 @@ def clock(seconds: float) -> str:
     if minutes < 60:
         return f"{minutes} min {seconds:02d} s"
     hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes:02d} min" if hours < 48 else f"{hours / 24:.1f} days"
+    return f"{hours} h {minutes:02d} min" if hours < 48 else f"{hours / 24:.3g} days"
 
 
 def count(number: int, noun: str) -> str:

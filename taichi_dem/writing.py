@@ -17,7 +17,8 @@ class Output(Protocol):
     ``every`` is the simulated time between writes in s; None means at start and finish only.
     """
 
-    every: float | None
+    @property
+    def every(self) -> float | None: ...
 
     def start(self, sim: Any) -> None:
         """Open what is written to; a mistake in the set-up shows here, before any step."""

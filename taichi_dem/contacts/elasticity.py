@@ -1,4 +1,4 @@
-"""Effective moduli of two bodies in contact and the damping that a restitution asks for (no Taichi).
+"""Effective moduli of two bodies in contact, and the damping for a restitution (no Taichi).
 
 Sources: K. L. Johnson, Contact Mechanics (1985), eqs. 4.2b and 7.43;
 T. Schwager and T. Poeschel, Granular Matter 9 (2007) 465 and S. M. Antypov and J. A. Elliott,

@@ -39,27 +39,27 @@ def scene(position, radius, material=GLASS, velocity=0.0, omega=0.0, **rest):
 def restart(sim, position=None, velocity=0.0, omega=0.0, dt=None):
     """Put ``sim`` back to time zero in another state (that of the scene unless given), with no
     memory of contacts; ``dt`` changes its step."""
+    engine, control = sim._engine, sim._engine.control
     position = sim.scene.spheres.position if position is None else position
     if dt is not None:
-        sim.dt = float(dt)
-        sim._time_step[None] = sim.dt
+        sim.dt = engine.time_step = float(dt)
+        control.time_step[None] = sim.dt
     arrays = [np.array(np.broadcast_to(v, position.shape)) for v in (position, velocity, omega)]
-    sim._particles.write(*arrays)
-    place = {material: index for index, material in enumerate(sim.scene.materials)}
-    sim._boundaries.fill(place)
-    if sim._exchange is not None:
-        sim._exchange.ground.fill(0)
-    sim.steps = 0
-    sim._step[None] = 0
-    sim._skin._built_at = 0
-    sim._flags.fill(0)
+    engine.particles.write(*arrays)
+    materials = sim.scene.materials
+    engine.boundaries.fill({material: index for index, material in enumerate(materials)})
+    if engine.exchange is not None:
+        engine.exchange.ground.fill(0)
+    sim.steps = control.step[None] = 0
+    control.flags.fill(0)
+    engine.skin._built_at = 0
+    engine.rebuild(remember=False)
+    engine.drivers.evaluate(0.0)
+    engine.drivers.note_pushes()
+    engine.lost = 0.0
     sim._memo.clear()
-    sim._rebuild(remember=False)
-    sim._drivers.evaluate(0.0)
-    sim._drivers.note_pushes()
-    sim._lost = 0.0
-    sim._first_energy = sim._total_energy()
-    sim._keep_good_state()
+    sim._first_energy = 0.0
+    sim._first_energy = sim.energy()["balance_error"]
     return sim
 
 

@@ -135,18 +135,43 @@ def test_highlights_stay_inside_their_spheres(sim):
     assert np.all(shift + 0.5 * size <= 0.5 * size[:, :1] * (1 + 1e-12))
 
 
-def test_bed_is_coloured_by_speed_or_by_material(sim):
-    speed = plot.bed(sim)
-    assert speed.axes[1].get_ylabel() == "speed (mm/s)"
+def test_bed_is_coloured_by_force_speed_or_material(sim):
+    force = plot.bed(sim)
+    assert force.axes[1].get_ylabel() == "sum of normal forces (mN)"
+    state = Snapshot.of(sim)
+    pressed = np.zeros(len(state.radius))
+    for i, j, push in zip(state.contact_i, state.contact_j, state.normal_force, strict=True):
+        pressed[i] += push
+        if j >= 0:
+            pressed[j] += push
+    assert force.axes[1].get_ylim() == pytest.approx((0, pressed.max() * 1e3))
+    speed = plot.bed(sim, color="speed")
     fastest = np.linalg.norm(sim.particles.velocity, axis=1).max()
+    assert speed.axes[1].get_ylabel() == "speed (mm/s)"
     assert speed.axes[1].get_ylim() == pytest.approx((0, fastest * 1e3))
     sim.particles.material[:3] = 2
     material = plot.bed(sim)
     names = [text.get_text() for text in material.axes[0].get_legend().get_texts()]
     assert names == ["glass", "steel"]
-    assert plot.bed(sim, color="speed").axes[1].get_ylabel() == "speed (mm/s)"
     with pytest.raises(ValueError, match="color = 'size'"):
         plot.bed(sim, color="size")
+
+
+def test_bed_that_falls_is_coloured_by_speed():
+    figure = plot.bed(FakeSimulation([[0, 0, 5e-3]], [1e-3]))
+    assert figure.axes[1].get_ylabel() == "speed (mm/s)"
+
+
+def test_overview_shows_bed_and_dents_to_one_scale(sim):
+    figure = plot.overview(sim)
+    side, above = figure.axes[:2]
+    assert (side.get_ylabel(), above.get_ylabel()) == ("z (mm)", "y (mm)")
+    assert side.get_xlim() == above.get_xlim()
+    assert style.points(side) == pytest.approx(style.points(above))
+    assert side.get_position().x0 == pytest.approx(above.get_position().x0)
+    assert side.get_position().y0 > above.get_position().y1
+    with pytest.raises(ValueError, match="no substrate"):
+        plot.overview(FakeSimulation(*layer(4), substrate=False))
 
 
 def test_walls_end_where_they_meet_each_other(sim):
@@ -265,7 +290,7 @@ def test_piston_needs_a_piston():
 
 def test_draw_makes_every_picture(sim, tmp_path):
     drawn = plot.draw(record(sim, tmp_path))
-    names = ["depression.png", "bed.png", "energy.png", "piston.png"]
+    names = ["overview.png", "depression.png", "bed.png", "energy.png", "piston.png"]
     assert [path.name for path in drawn] == names
     for path in drawn:
         assert path.read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,169 @@
+"""The hydrogel piston against LIGGGHTS: how fast, and with what force at full compression.
+
+Both codes run the scene of ``examples/hydrogel_piston.py`` with the same time step and write the
+same mean forces, by turns and on one core.  The packing is chaotic, so each pair of runs starts
+from beads displaced at random by 1 um, and means are compared.
+"""
+
+import argparse
+import dataclasses
+import math
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+import taichi_dem as dem
+from benchmarks import liggghts
+from benchmarks.report import Figure
+from examples import hydrogel_piston as example
+
+CODES = ("ours", "liggghts")
+CLOCKS = {"steps": "the steps alone", "whole": "with start-up and compilation"}
+PACKINGS, STROKES, COMPARED_STROKE = 5, 4, 3
+DISPLACEMENT = 1e-6  # m
+STEPS_PER_STROKE = round(example.STROKE_TIME / example.TIME_STEP)
+SAMPLING = liggghts.Sampling(
+    every=round(example.INTERVAL / example.TIME_STEP),
+    count=round(example.WINDOW / example.TIME_STEP),
+)
+WARM_UP = 2  # steps, which compile what is left to compile
+LEAST_RATIO = 3.0
+MOST_FORCE, MOST_CURVE = 2.0, 3.0  # %: of the force at full compression, of full scale
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("packing", type=Path, help="LAMMPS data file of the beads")
+    parser.add_argument("--reference", type=Path, help="CSV: step, force (N)")
+    parser.add_argument("--packings", type=int, default=PACKINGS)
+    parser.add_argument("--steps", type=int, default=STROKES * STEPS_PER_STROKE)
+    parser.add_argument("--quick", action="store_true", help="one packing, one stroke")
+
+
+def run(options: argparse.Namespace) -> list[Figure]:
+    """Every packing in turn."""
+    if not liggghts.available():
+        sys.exit(f"{liggghts.BINARY} is not on the path")
+    packings, steps = (1, STEPS_PER_STROKE) if options.quick else (options.packings, options.steps)
+    beads = example.packing(options.packing)
+    runs: dict[str, list[Run]] = {code: [] for code in CODES}
+    with one_core():
+        for seed in range(packings):
+            scene = example.scene(displaced(beads, seed))
+            runs["ours"].append(ours(scene, steps))
+            runs["liggghts"].append(theirs(scene, steps))
+            times = ", ".join(f"{code} {runs[code][-1].seconds['steps']:.2f} s" for code in CODES)
+            print(f"packing {seed}: {times}", flush=True)
+    curves = {code: np.array([run.force for run in runs[code]]) for code in CODES}
+    reference = example.read_reference(options.reference) if options.reference else None
+    if options.output:
+        write_curves(options.output, curves)
+    return [*speeds(runs), *forces(curves, reference)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """Seconds by each of ``CLOCKS``, and the mean force (N) on the piston at each sampling."""
+
+    seconds: dict[str, float]
+    force: np.ndarray
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """Keep this process and its children on one core, where the system can."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(cores)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cores)
+
+
+def displaced(beads: dem.Spheres, seed: int) -> dem.Spheres:
+    """The beads, each moved by ``DISPLACEMENT`` in a direction of its own."""
+    way = np.random.default_rng(seed).normal(size=(beads.count, 3))
+    way *= DISPLACEMENT / np.linalg.norm(way, axis=1, keepdims=True)
+    return dataclasses.replace(beads, position=beads.position + way)
+
+
+def ours(scene: dem.Scene, steps: int) -> Run:
+    """This code, on one core whatever the number of threads."""
+    start = time.perf_counter()
+    simulation = dem.Simulation(scene, dt=example.TIME_STEP, driver="serial")
+    simulation.run(steps=WARM_UP)
+    ready, force = time.perf_counter(), example.PistonForce()
+    simulation.run(steps=steps - WARM_UP, outputs=[force])
+    end = time.perf_counter()
+    return Run({"steps": end - ready, "whole": end - start}, force.curve()[:, 3])
+
+
+def theirs(scene: dem.Scene, steps: int) -> Run:
+    """LIGGGHTS, from the same scene."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        script = liggghts.write(folder, scene, dt=example.TIME_STEP, steps=steps, sampling=SAMPLING)
+        timing = liggghts.run(script)
+        force = liggghts.forces(folder, example.PISTON)[:, 3]
+    return Run({"steps": timing.loop, "whole": timing.wall}, force)
+
+
+def speeds(runs: dict[str, list[Run]]) -> list[Figure]:
+    """Seconds of each code, and the ratios packing by packing."""
+    figures = []
+    for clock, what in CLOCKS.items():
+        seconds = {code: [run.seconds[clock] for run in runs[code]] for code in CODES}
+        figures += [Figure.median(f"{code}, {what}", seconds[code], "s") for code in CODES]
+        ratios = [b / a for a, b in zip(*seconds.values(), strict=True)]
+        target = {"at_least": LEAST_RATIO} if clock == "steps" else {}
+        figures.append(Figure.median(f"liggghts / ours, {what}", ratios, "", **target))
+    return figures
+
+
+def forces(curves: dict[str, np.ndarray], reference: np.ndarray | None) -> list[Figure]:
+    """Mean forces at full compression, and how far the mean curves are apart."""
+    steps = curves["ours"].shape[1] * SAMPLING.every
+    step = min(COMPARED_STROKE * STEPS_PER_STROKE, steps)
+    row = step // SAMPLING.every - 1
+    figures = []
+    for code, curve in curves.items():
+        what = f"{code}, mean force at step {step}"
+        figures.append(Figure(what, float(curve[:, row].mean()), "N", samples=tuple(curve[:, row])))
+        if len(curve) > 1:
+            error = float(curve[:, row].std(ddof=1)) / math.sqrt(len(curve))
+            figures.append(Figure(f"{code}, its standard error", error, "N"))
+    means = {code: curve.mean(axis=0) for code, curve in curves.items()}
+    figures += _differences("ours and liggghts", means["ours"], means["liggghts"], row)
+    if reference is not None:
+        given = reference[: steps // SAMPLING.every, 1]
+        figures.append(Figure(f"reference, force at step {step}", float(given[row]), "N"))
+        for code, mean in means.items():
+            figures += _differences(f"{code} and reference", mean, given, row)
+    return figures
+
+
+def _differences(what: str, curve: np.ndarray, standard: np.ndarray, row: int) -> list[Figure]:
+    force = 100 * abs(curve[row] / standard[row] - 1)
+    largest = 100 * np.abs(curve - standard).max() / standard.max()
+    return [
+        Figure(f"{what}, difference there", float(force), "%", at_most=MOST_FORCE),
+        Figure(f"{what}, curves", float(largest), "% of full scale", at_most=MOST_CURVE),
+    ]
+
+
+def write_curves(folder: Path, curves: dict[str, np.ndarray]) -> None:
+    """Write the mean force (N) of each code against the step."""
+    folder.mkdir(parents=True, exist_ok=True)
+    means = [np.mean(curves[code], axis=0) for code in CODES]
+    steps = SAMPLING.every * np.arange(1, len(means[0]) + 1)
+    header = ",".join(("step", *(f"{code}_N" for code in CODES)))
+    table = np.column_stack((steps, *means))
+    np.savetxt(folder / "hydrogel.csv", table, "%.10g", ",", header=header, comments="")

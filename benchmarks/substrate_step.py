@@ -1,0 +1,56 @@
+"""What a step costs with the contacts on the substrate solved together, and without."""
+
+import argparse
+import time
+
+import taichi_dem as dem
+from benchmarks import bed as beds
+from benchmarks.report import Figure
+
+EXCHANGES = ("none", "implicit")
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("-n", "--particles", type=int, nargs="+", default=[300, 10_000])
+    parser.add_argument("-g", "--grounded", type=int, nargs="+", default=[60, 1000])
+    parser.add_argument("--rounds", type=int, default=5, help="turns of each")
+    parser.add_argument("--seconds", type=float, default=2.0, help="length of a turn")
+
+
+def run(options: argparse.Namespace) -> list[Figure]:
+    """Every size in turn; ``grounded`` is about how many of the spheres stand on the substrate."""
+    sizes = zip(options.particles, options.grounded, strict=True)
+    return [figure for count, grounded in sizes for figure in _size(count, grounded, options)]
+
+
+def _size(count: int, grounded: int, options: argparse.Namespace) -> list[Figure]:
+    bed = beds.settled_on_gel(count, grounded)
+    simulations = [
+        dem.Simulation(beds.scene(bed, exchange=exchange), dt=beds.TIME_STEP)
+        for exchange in EXCHANGES
+    ]
+    for simulation in simulations:
+        _cost(simulation, 50)
+    steps = [max(int(options.seconds / _cost(simulation, 50)), 2) for simulation in simulations]
+    turns = [
+        [_cost(simulation, n) for simulation, n in zip(simulations, steps, strict=True)]
+        for _ in range(options.rounds)
+    ]
+    standing = [len(simulation.substrate.particle) for simulation in simulations]
+    figures = [
+        Figure.median(
+            f"{count} spheres, {standing[k]} on the substrate, exchange {exchange!r}: a step",
+            [1e6 * turn[k] for turn in turns],
+            "us",
+        )
+        for k, exchange in enumerate(EXCHANGES)
+    ]
+    ratios = [turn[1] / turn[0] for turn in turns]
+    return [*figures, Figure.median(f"{count} spheres, ratio of the two", ratios, "")]
+
+
+def _cost(simulation, steps: int) -> float:
+    """Seconds of a step."""
+    start = time.perf_counter()
+    simulation.run(steps=steps)
+    return (time.perf_counter() - start) / steps

@@ -1,0 +1,402 @@
+"""The command line as a user meets it: exit codes, what is written, what is said."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import taichi_dem as dem
+from taichi_dem import cli, wording
+from taichi_dem.frames import read_index
+from taichi_dem.output import read_history
+from taichi_dem.snapshot import Snapshot
+
+ROOT = Path(__file__).parents[2]
+PICTURES = {"overview.png", "bed.png", "depression.png", "energy.png"}
+SCENE = """
+gravity = [0, 0, -9.81]
+
+[materials.glass]
+density = 2500
+youngs_modulus = 5e6
+poissons_ratio = 0.22
+
+[materials.gel]
+density = 1050
+youngs_modulus = 5e4
+poissons_ratio = 0.49
+
+[spheres]
+material = "glass"
+radius = 1e-3
+position = [[0, 0, 1e-3], [2.5e-3, 0, 1e-3], [1.2e-3, 0, 3e-3]]
+
+[[boundaries]]
+type = "Plane"
+point = [0, 0, 6e-3]
+normal = [0, 0, -1]
+material = "glass"
+
+[substrate]
+material = "gel"
+
+[law]
+normal = { type = "Hertz", restitution = 0.6 }
+tangential = { type = "Mindlin", friction = 0.3 }
+
+[run]
+duration = 1e-3
+"""
+
+
+def process(*arguments):
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "taichi_dem", *map(str, arguments)]
+    return subprocess.Popen(
+        command, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def outcome(folder):
+    return json.loads((folder / "summary.json").read_text())["outcome"]
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    return path
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A run by the installed program's own process: folder, standard output and error."""
+    folder = tmp_path_factory.mktemp("finished")
+    (folder / "scene.toml").write_text(SCENE)
+    run = process("run", folder / "scene.toml", "-o", folder / "out")
+    out, err = run.communicate()
+    assert run.returncode == cli.DONE, err
+    return folder / "out", out, err
+
+
+# Help
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "import sys\n"
+        "from taichi_dem import cli\n"
+        "try:\n    cli.main(['run', '--help'])\n"
+        "except SystemExit as end:\n    print('\\nEND', end.code, *sys.modules)"
+    )
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)
+    said, _, rest = out.stdout.rpartition("END ")
+    assert "--overwrite" in said and rest.split()[0] == "0"
+    assert not set(rest.split()) & {"numpy", "scipy", "taichi", "quadrants", "matplotlib", "tqdm"}
+
+
+def test_a_command_must_be_one_that_exists(capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main(["fly"])
+    assert end.value.code == cli.WRONG_INPUT
+    assert "'fly'" in capsys.readouterr().err
+
+
+# Run
+
+
+def test_run_writes_a_folder_that_can_be_read(finished):
+    folder, _, _ = finished
+    written = {path.name for path in folder.iterdir()}
+    assert written >= PICTURES
+    assert {"scene.toml", "history.csv", "summary.json", "state.npz"} <= written
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["outcome"] == "finished"
+    assert summary["simulated_time_s"] == pytest.approx(1e-3, abs=summary["dt_s"])
+    history, state = read_history(folder), Snapshot.load(folder)
+    assert history["step"][-1] == summary["steps"] == state.step
+    assert np.all(np.diff(history["step"]) > 0)
+    assert dem.Scene.from_toml(folder / "scene.toml").spheres.count == 3
+
+
+def test_run_says_what_happened_and_nothing_of_the_compiler(finished):
+    folder, out, err = finished
+    summary = json.loads((folder / "summary.json").read_text())
+    assert f"finished: {wording.quantity(summary['simulated_time_s'], 's')} simulated" in out
+    assert f"{summary['steps']:,} steps" in out
+    for word in ("spheres", "contacts", "substrate", "energy", str(folder)):
+        assert word in out
+    assert "Taichi" not in out + err and "Traceback" not in err
+
+
+def test_frames_default_to_a_hundred(finished):
+    pytest.importorskip("vtkmodules")
+    folder, _, _ = finished
+    index = read_index(folder)
+    steps, dt = (
+        Snapshot.load(folder).step,
+        json.loads((folder / "summary.json").read_text())["dt_s"],
+    )
+    every = max(1, round(1e-3 / 100 / dt))
+    assert len(index) == steps // every + 1 + (steps % every > 0)
+    assert all((folder / file).exists() for files in index.values() for file in files)
+
+
+def test_a_run_is_replaced_only_when_asked(finished, tmp_path, capsys):
+    folder = shutil.copytree(finished[0], tmp_path / "out")
+    scene = folder / "scene.toml"
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert cli.main(["run", str(scene), "-o", str(folder), "--duration", "2e-4"]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+    (folder / "notes.txt").write_text("mine")
+    (folder / "last_good.npz").write_text("of the run before")
+    again = ["run", str(scene), "-o", str(folder), "--duration", "2e-4", "--overwrite"]
+    assert cli.main(again) == cli.DONE
+    assert read_history(folder)["time_s"][-1] == pytest.approx(2e-4, rel=0.1)
+    assert (folder / "notes.txt").read_text() == "mine"
+    assert not (folder / "last_good.npz").exists()
+    frames = {file for files in read_index(folder).values() for file in files}
+    assert {str(p.relative_to(folder)) for p in (folder / "frames").glob("*")} == frames
+
+
+@pytest.mark.parametrize("kind", ["folder of something else", "file"])
+def test_nothing_is_written_among_other_files(kind, scene, tmp_path, capsys):
+    target = tmp_path / "taken"
+    if kind == "file":
+        target.write_text("mine")
+    else:
+        target.mkdir()
+        (target / "thesis.txt").write_text("mine")
+    assert cli.main(["run", str(scene), "-o", str(target), "--overwrite"]) == cli.WRONG_INPUT
+    assert f"output = {target}" in capsys.readouterr().err
+    assert [p.name for p in tmp_path.rglob("*") if p.is_file()].count("summary.json") == 0
+
+
+# Mistakes
+
+
+def test_every_mistake_is_named_and_nothing_is_written(scene, tmp_path):
+    target = tmp_path / "out"
+    run = process(
+        *("run", scene, "-o", target),
+        *("--set", "materials.gel.poissons_ratio=0.7"),
+        *("--set", "law.normal.restitutoin=0.5"),
+        *("--set", "spheres.radius=-1e-3"),
+    )
+    out, err = run.communicate()
+    assert run.returncode == cli.WRONG_INPUT
+    assert "materials.gel.poissons_ratio = 0.7: must be > -1 and <= 0.5" in err
+    assert "law.normal.restitutoin = 0.5: unknown key; did you mean 'restitution'?" in err
+    assert "spheres.radius = -0.001: must be > 0 m" in err
+    assert "3 mistakes" in err
+    assert "Traceback" not in err and "Taichi" not in out + err
+    assert not target.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--duration", "-1"], "run.duration = -1.0: must be > 0 s"),
+        (["--set", "gravity"], "overrides = gravity: must be path.to.key=value"),
+        (["--set", "run.steps=10"], "run.steps = 10: give duration or steps, not both"),
+        (["--set", "run.dt=-1e-6"], "run.dt = -1e-06: must be > 0 s"),
+    ],
+)
+def test_mistakes_on_the_command_line(arguments, said, scene, tmp_path, capsys):
+    target = tmp_path / "out"
+    assert cli.main(["run", str(scene), "-o", str(target), *arguments]) == cli.WRONG_INPUT
+    assert said in capsys.readouterr().err
+    assert not target.exists()
+
+
+def test_a_scene_must_say_how_long(scene, capsys):
+    scene.write_text(SCENE.partition("[run]")[0])
+    assert cli.main(["check", str(scene)]) == cli.WRONG_INPUT
+    assert "run.duration: is missing" in capsys.readouterr().err
+
+
+def test_a_file_that_is_not_there(tmp_path, capsys):
+    assert cli.main(["run", str(tmp_path / "none.toml")]) == cli.WRONG_INPUT
+    assert "none.toml" in capsys.readouterr().err
+
+
+def test_a_wrong_environment_is_wrong_input(scene):
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "HALFSPACE_THREADS": "many"}
+    command = [sys.executable, "-m", "taichi_dem", "check", str(scene)]
+    run = subprocess.run(command, capture_output=True, text=True, env=env)
+    assert run.returncode == cli.WRONG_INPUT
+    assert "HALFSPACE_THREADS = many" in run.stderr and "Traceback" not in run.stderr
+
+
+# Ends that are not the plan's
+
+
+def test_ctrl_c_leaves_everything_on_disk(scene, tmp_path):
+    target = tmp_path / "out"
+    settings = ["--set", "run.history=1e-4", "--set", "run.frames=1e-3"]
+    run = process("run", scene, "-o", target, "--duration", "1e4", *settings)
+    try:
+        history = target / "history.csv"
+        while run.poll() is None and not (
+            history.exists() and history.read_bytes().count(b"\n") > 5
+        ):
+            time.sleep(0.05)
+        run.send_signal(signal.SIGINT)
+        out, err = run.communicate()
+    finally:
+        run.kill()
+    assert run.returncode == cli.INTERRUPTED, err
+    assert "interrupted" in out and "Traceback" not in err
+    assert outcome(target) == "interrupted"
+    rows, state = read_history(target), Snapshot.load(target)
+    assert len(rows["step"]) > 4 and rows["step"][-1] == state.step
+    assert all((target / f).exists() for files in read_index(target).values() for f in files)
+    assert {path.name for path in target.glob("*.png")} == PICTURES
+
+
+def test_a_guard_keeps_the_last_good_state(scene, tmp_path, capsys):
+    target = tmp_path / "out"
+    meet = ["--set", "spheres.velocity=[[5, 0, 0], [-5, 0, 0], [0, 0, 0]]"]
+    soft = ["--set", "materials.glass.youngs_modulus=1e4", "--set", "run.history=1e-5"]
+    assert cli.main(["run", str(scene), "-o", str(target), *meet, *soft]) == cli.STOPPED
+    said = capsys.readouterr()
+    assert "overlaps sphere" in said.err and "Try" in said.err
+    assert outcome(target).startswith("stopped")
+    glass = dem.Material("glass", density=2500, youngs_modulus=1e4, poissons_ratio=0.22)
+    good, state = dem.Spheres.from_npz(target / "last_good.npz", glass), Snapshot.load(target)
+    np.testing.assert_array_equal(good.position, state.position)
+    np.testing.assert_array_equal(good.velocity, state.velocity)
+    apart = np.linalg.norm(good.position[0] - good.position[1])
+    assert apart > 1e-3  # overlap below the limit of half a radius, plus a row of history
+    assert {path.name for path in target.glob("*.png")} == PICTURES
+
+
+# Check
+
+
+def test_check_says_what_is_computed_and_writes_nothing(scene, tmp_path, capsys):
+    before = sorted(tmp_path.rglob("*"))
+    assert cli.main(["check", str(scene)]) == cli.DONE
+    assert sorted(tmp_path.rglob("*")) == before
+    said = capsys.readouterr().out
+    volume = 3 * 4 / 3 * np.pi
+    for text in (
+        f"3, radius 1 mm, volume {volume:.1f} mm³, mass {volume * 2.5:.1f} mg",
+        "gel: 1050 kg/m³, Young's modulus 50 kPa, Poisson's ratio 0.49",
+        "0: Plane of glass",
+        "normal law: Hertz(restitution=0.6)",
+        "point coupling), solved together at every step",
+        "rotation: because friction makes torque",
+        "history: of each contact: tangential_force",
+        "dissipation: is summed up: friction, damping",
+        "moving boundaries",
+        "1/20 of the half period",
+        "1 ms, ",
+        "measured over",
+    ):
+        assert text in said, text
+
+
+def test_check_lists_what_a_scene_leaves_out(scene, capsys):
+    plain = SCENE.replace('tangential = { type = "Mindlin", friction = 0.3 }', "")
+    plain = plain.replace("restitution = 0.6", "restitution = 1").replace(
+        '[substrate]\nmaterial = "gel"', ""
+    )
+    scene.write_text(plain)
+    assert cli.main(["check", str(scene)]) == cli.DONE
+    (off,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("off")]
+    for absent in ("tangential", "substrate", "rotation", "history", "dissipation"):
+        assert absent in off
+
+
+def test_check_finds_a_run_that_would_be_stopped(scene, capsys):
+    assert cli.main(["check", str(scene), "--set", "run.dt=0.02"]) == cli.STOPPED
+    said = capsys.readouterr().err
+    assert "beyond the stable step" in said and "the run would be stopped: at t =" in said
+
+
+def test_memory_is_that_of_the_fields():
+    from halfspace import backend
+    from taichi_dem.memory import fields, size
+    from taichi_dem.types import ti
+
+    backend.start()
+
+    class Owner:
+        scalar, vector = ti.field(ti.f64), ti.Vector.field(3, ti.f32)
+        struct = ti.types.struct(a=ti.types.vector(2, ti.f64), b=ti.i32).field()
+
+    owner, builder = Owner(), ti.FieldsBuilder()
+    vars(owner).update(scalar=Owner.scalar, vector=Owner.vector, struct=Owner.struct)
+    builder.dense(ti.i, 10).place(owner.scalar)
+    builder.dense(ti.ij, (4, 5)).place(owner.vector)
+    builder.dense(ti.i, 7).place(owner.struct)
+    tree = builder.finalize()
+    assert size(owner.scalar) == 10 * 8
+    assert size(owner.vector) == 20 * 3 * 4
+    assert size(owner.struct) == 7 * (2 * 8 + 4)
+    assert fields(owner) == 80 + 240 + 140
+    tree.destroy()
+
+
+# Plot
+
+
+def test_plot_draws_a_run_again(finished, tmp_path, capsys):
+    folder = shutil.copytree(finished[0], tmp_path / "out")
+    for picture in folder.glob("*.png"):
+        picture.unlink()
+    assert cli.main(["plot", str(folder)]) == cli.DONE
+    assert {path.name for path in folder.glob("*.png")} == PICTURES
+    assert set(capsys.readouterr().out.split()) == {str(folder / name) for name in PICTURES}
+
+
+@pytest.mark.parametrize("kind", ["missing", "empty", "damaged"])
+def test_plot_refuses_what_is_not_a_run(kind, tmp_path, capsys):
+    folder = tmp_path / "out"
+    if kind != "missing":
+        folder.mkdir()
+    if kind == "damaged":
+        (folder / "state.npz").write_bytes(b"PK")
+    assert cli.main(["plot", str(folder)]) == cli.WRONG_INPUT
+    assert f"folder = {folder}" in capsys.readouterr().err
+
+
+# Words
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (wording.quantity(4.75e-6, "s"), "4.75 µs"),
+        (wording.quantity(0.9996, "m"), "1 m"),
+        (wording.quantity(0, "N"), "0 N"),
+        (wording.quantity(-2e-9, "J"), "-2 nJ"),
+        (wording.span([9e-4, 1.3e-3], "m"), "0.9 to 1.3 mm"),
+        (wording.span([1e-3, 1.0000001e-3], "m"), "1 mm"),
+        (wording.cubic(2.27e-6), "2.27 cm³"),
+        (wording.cubic(1.2e-8), "12 mm³"),
+        (wording.cubic(4e-15), "4,000 µm³"),
+        (wording.mass(5.67e-3), "5.67 g"),
+        (wording.mass(12.0), "12 kg"),
+        (wording.memory(1.81e6), "1.81 MB"),
+        (wording.clock(12.34), "12.3 s"),
+        (wording.clock(245), "4 min 05 s"),
+        (wording.clock(12000), "3 h 20 min"),
+        (wording.clock(3 * 86400), "3 days"),
+        (wording.count(1, "row"), "1 row"),
+        (wording.count(2000, "row"), "2,000 rows"),
+    ],
+)
+def test_numbers_in_words(text, expected):
+    assert text == expected

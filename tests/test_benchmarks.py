@@ -1,0 +1,106 @@
+"""The benchmarks on a few spheres: they run, and what they compare is the same physics."""
+
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import taichi_dem as dem
+from benchmarks import bed as beds
+from benchmarks import peers, report, run
+
+FEW = 20
+QUICK = ("--rounds", "2", "--seconds", "0.02")
+
+
+@pytest.fixture(scope="module")
+def bed():
+    return beds.settled(FEW)
+
+
+@pytest.fixture(scope="module")
+def settled(bed):
+    simulation = dem.Simulation(beds.scene(bed), dt=beds.TIME_STEP)
+    simulation.run(steps=50_000)
+    return simulation
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("settled_bed", "-n", str(FEW), "--peers", "--warm-up", "10", *QUICK),
+        ("rebuild", "-n", str(FEW), "--rounds", "2", "--steps", "20"),
+        ("memory", "-n", str(2 * FEW)),
+        ("startup", "-n", str(FEW), "--rounds", "1"),
+        ("substrate_step", "-n", str(FEW), "-g", str(FEW // 4), *QUICK),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_benchmark_runs_and_writes_its_figures(arguments, tmp_path, capsys):
+    run.main([*arguments, "-o", str(tmp_path)])
+    document = json.loads((tmp_path / f"{arguments[0]}.json").read_text())
+    assert document["benchmark"] == arguments[0]
+    values = np.array([figure["value"] for figure in document["figures"]])
+    assert np.isfinite(values).all()
+    assert (values > 0).all()
+    printed = capsys.readouterr().out
+    assert all(figure["what"] in printed for figure in document["figures"])
+
+
+def test_every_benchmark_is_listed(capsys):
+    assert run.main([]) == 0
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in run.NAMES)
+
+
+def test_bed_rests_on_its_floor(bed, settled):
+    low = np.array([0.0, 0.0, 0.0])
+    assert (bed.position > low).all()
+    assert (bed.position[:, :2] < [bed.length, bed.width]).all()
+    assert settled.largest_overlap() < 0.01
+    weight = settled.particles.mass.sum() * beds.GRAVITY
+    push = -sum(np.array(boundary.force) for boundary in settled.boundaries)
+    assert push[2] == pytest.approx(weight, rel=1e-3)
+    assert np.abs(push[:2]).max() < 1e-3 * weight
+    assert beds.motion(settled) < beds.AT_REST
+
+
+def test_copies_in_a_row_do_not_meet(bed):
+    row = beds.side_by_side(bed, 3)
+    assert row.count == 3 * FEW
+    assert row.length == pytest.approx(3 * bed.length)
+    copy = np.arange(row.count) // FEW
+    gap = np.linalg.norm(row.position[:, None] - row.position[None], axis=2)
+    gap -= row.radius[:, None] + row.radius[None]
+    assert gap[copy[:, None] != copy[None]].min() > -0.01 * beds.RADIUS
+
+
+def test_figure_judges_its_target():
+    median = report.Figure.median("speed", [3.0, 1.0, 2.0], "M/s", at_least=2.0)
+    assert median.value == 2.0
+    assert median.met is True
+    assert report.Figure("size", 5.0, "B", at_most=4.0).met is False
+    assert report.Figure("time", 5.0, "s").met is None
+    text = report.table([median, report.Figure("size", 5.0, "B", at_most=4.0)])
+    assert "1 .. 3" in text
+    assert text.count("met") == 1
+    assert text.count("MISSED") == 1
+
+
+@pytest.mark.peers
+@pytest.mark.parametrize("code", list(peers.BINARIES))
+def test_peers_hold_the_same_bed(code, bed, settled):
+    if not peers.available(code):
+        pytest.skip(f"{peers.BINARIES[code]} or {peers.LAUNCHER[0]} is not installed")
+    skin = 0.2 * beds.RADIUS
+    timing = peers.run(code, beds.scene(bed), beds.TIME_STEP, 1000, 1000, skin, ranks=1)
+    assert timing.contacts == (settled.contacts()["j"] >= 0).sum()
+    assert timing.seconds > 0
+    weight = settled.particles.mass.sum() * beds.GRAVITY
+    assert timing.kinetic_energy < beds.AT_REST * weight * beds.RADIUS
+    assert math.isfinite(timing.kinetic_energy)

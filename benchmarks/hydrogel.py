@@ -24,7 +24,11 @@ from benchmarks.report import Figure
 from examples import hydrogel_piston as example
 
 CODES = ("ours", "liggghts")
-CLOCKS = {"steps": "the steps alone", "whole": "with start-up and compilation"}
+CLOCKS = {
+    "steps": "the steps alone",
+    "core": "the same, time of the core",
+    "whole": "with start-up and compilation",
+}
 PACKINGS, STROKES, COMPARED_STROKE = 5, 4, 3
 DISPLACEMENT = 1e-6  # m
 STEPS_PER_STROKE = round(example.STROKE_TIME / example.TIME_STEP)
@@ -100,20 +104,22 @@ def ours(scene: dem.Scene, steps: int) -> Run:
     start = time.perf_counter()
     simulation = dem.Simulation(scene, dt=example.TIME_STEP, driver="serial")
     simulation.run(steps=WARM_UP)
-    ready, force = time.perf_counter(), example.PistonForce()
+    force = example.PistonForce()
+    ready, core = time.perf_counter(), time.process_time()
     simulation.run(steps=steps - WARM_UP, outputs=[force])
-    end = time.perf_counter()
-    return Run({"steps": end - ready, "whole": end - start}, force.curve()[:, 3])
+    end, core = time.perf_counter(), time.process_time() - core
+    seconds = {"steps": end - ready, "core": core, "whole": end - start}
+    return Run(seconds, force.curve()[:, 3])
 
 
 def theirs(scene: dem.Scene, steps: int) -> Run:
-    """LIGGGHTS, from the same scene."""
+    """LIGGGHTS, from the same scene; the core's time holds its start-up, some hundredths of it."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         script = liggghts.write(folder, scene, dt=example.TIME_STEP, steps=steps, sampling=SAMPLING)
         timing = liggghts.run(script)
         force = liggghts.forces(folder, example.PISTON)[:, 3]
-    return Run({"steps": timing.loop, "whole": timing.wall}, force)
+    return Run({"steps": timing.loop, "core": timing.core, "whole": timing.wall}, force)
 
 
 def speeds(runs: dict[str, list[Run]]) -> list[Figure]:
@@ -141,7 +147,8 @@ def forces(curves: dict[str, np.ndarray], reference: np.ndarray | None) -> list[
             error = float(curve[:, row].std(ddof=1)) / math.sqrt(len(curve))
             figures.append(Figure(f"{code}, its standard error", error, "N"))
     means = {code: curve.mean(axis=0) for code, curve in curves.items()}
-    figures += _differences("ours and liggghts", means["ours"], means["liggghts"], row)
+    aims = {"force": MOST_FORCE, "whole": MOST_CURVE}
+    figures += _differences("ours and liggghts", means["ours"], means["liggghts"], row, **aims)
     if reference is not None:
         given = reference[: steps // SAMPLING.every, 1]
         figures.append(Figure(f"reference, force at step {step}", float(given[row]), "N"))
@@ -150,12 +157,20 @@ def forces(curves: dict[str, np.ndarray], reference: np.ndarray | None) -> list[
     return figures
 
 
-def _differences(what: str, curve: np.ndarray, standard: np.ndarray, row: int) -> list[Figure]:
-    force = 100 * abs(curve[row] / standard[row] - 1)
+def _differences(
+    what: str,
+    curve: np.ndarray,
+    standard: np.ndarray,
+    row: int,
+    force: float | None = None,
+    whole: float | None = None,
+) -> list[Figure]:
+    """At ``row`` and where they are farthest apart; a single chaotic run sets no aim."""
+    there = 100 * abs(curve[row] / standard[row] - 1)
     largest = 100 * np.abs(curve - standard).max() / standard.max()
     return [
-        Figure(f"{what}, difference there", float(force), "%", at_most=MOST_FORCE),
-        Figure(f"{what}, curves", float(largest), "% of full scale", at_most=MOST_CURVE),
+        Figure(f"{what}, difference there", float(there), "%", at_most=force),
+        Figure(f"{what}, curves", float(largest), "% of full scale", at_most=whole),
     ]
 
 

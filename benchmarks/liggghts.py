@@ -8,6 +8,7 @@ dashpot is sqrt(k_t/k_n) of the normal one, whatever Mindlin's ``damping``, unle
 
 import itertools
 import math
+import os
 import re
 import shutil
 import subprocess
@@ -28,10 +29,11 @@ SCRIPT, DATA, LOG = "in.scene", "scene.data", "log.scene"
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds of the time loops alone, and of the whole process."""
+    """Seconds of the time loops alone, of the whole process, and of the core that it kept busy."""
 
     loop: float
     wall: float
+    core: float
 
 
 @dataclass(frozen=True)
@@ -123,13 +125,14 @@ def write_mesh(
 def run(script: Path) -> Timing:
     """Run a script in its folder as one process; RuntimeError with its last words if it fails."""
     command = [BINARY, "-in", script.name, "-log", LOG]  # "-screen none" breaks reading meshes
-    start = time.perf_counter()
+    start, before = time.perf_counter(), os.times()
     done = subprocess.run(command, cwd=script.parent, capture_output=True, text=True)
-    wall = time.perf_counter() - start
+    wall, after = time.perf_counter() - start, os.times()
     if done.returncode:
         raise RuntimeError(f"{BINARY} failed:\n{done.stdout[-1000:]}{done.stderr[-1000:]}")
     loops = re.findall(r"Loop time of (\S+)", (script.parent / LOG).read_text())
-    return Timing(sum(map(float, loops)), wall)
+    core = after.children_user - before.children_user
+    return Timing(sum(map(float, loops)), wall, core)
 
 
 def forces(folder: Path, boundary: int) -> np.ndarray:

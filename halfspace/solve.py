@@ -227,7 +227,8 @@ def _conjugate_gradients(
 
     If not, this is what it came to before that showed; at the first step, the fixed-point step `b`.
     """
-    s, r = np.zeros(len(b)), b.copy()
+    s: Array = np.zeros(len(b))
+    r: Array = b.copy()
     loaded = k > 0
     p, rr = r, r @ (k * r)
     for _ in range(2 * len(b)):

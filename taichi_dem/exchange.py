@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 import halfspace
+from halfspace.backend import PRECISION
 from taichi_dem.contact_list import SUBSTRATE, ContactList
 from taichi_dem.contacts.contact import at_rest
 from taichi_dem.control import UNSOLVED, Control
@@ -18,7 +19,8 @@ from taichi_dem.particles import Particles
 from taichi_dem.scene import Substrate
 from taichi_dem.types import real, ti, vec2, vec3
 
-IN_KERNEL_CONTACTS = 2048  # their influence matrix takes 32 MB
+IN_KERNEL_CONTACTS = 1024  # their influence matrix takes 8 MB
+ROUND_OFF = 1e-14 if PRECISION == "double" else 1e-5  # no residual can be asked to be smaller
 PAST = 4  # displacements kept: the next one is extrapolated from them by a cubic
 FAST_IMPACT = 0.1  # of the substrate's shear wave speed: beyond, it is not quasi-static
 WIDE_CONTACT = 0.3  # contact radius over sphere radius: beyond, strains are not small
@@ -64,7 +66,8 @@ class Exchange:
         self.particles, self.control = particles, control
         self.normal, self.table, self.material = law.normal, coefficients.table, material
         self.lagged = substrate.exchange == "lagged"
-        self.halfspace, self.residual = ground_of(substrate), substrate.residual
+        self.halfspace = ground_of(substrate)
+        self.residual = max(substrate.residual, ROUND_OFF)
         soil = substrate.material
         shear = soil.youngs_modulus / (2 * (1 + soil.poissons_ratio))
         self._wave_speed = math.sqrt(shear / soil.density)

@@ -46,7 +46,7 @@ def read_lammps_data(
     if (twice := np.flatnonzero(np.diff(ids) == 0)).size:
         raise _refused(path, None, f"has two atoms with id {ids[twice[0]]:.0f}")
     listed, index = _by_type(path, materials, kinds, atoms[:, 3])
-    motion = np.zeros((len(atoms), 6))
+    motion: np.ndarray = np.zeros((len(atoms), 6))
     if "Velocities" in sections:
         rows = _numbers(path, sections["Velocities"], "id vx vy vz wx wy wz")
         rows = rows[np.argsort(rows[:, 0], kind="stable")]

@@ -139,7 +139,6 @@ def color_bar(axes: Axes, mappable: Any, label: str, place: int = 0) -> None:
     )
     ticks = int(np.clip(box.height * height / 0.4, 2, 8))
     bar.locator = MaxNLocator(ticks, steps=STEPS)
-    bar.outline.set(linewidth=0.7, color=INK)
     bar.update_ticks()
     dress(bar.ax)
 

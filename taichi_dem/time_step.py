@@ -74,10 +74,10 @@ def expected_speed(scene: Scene) -> float:
     fall = 0.0
     if gravity > 0:
         heights = spheres.position @ (np.array(scene.gravity) / gravity)
-        floor = heights.max()
+        floor = float(heights.max())
         if scene.substrate is not None:
             floor = max(floor, 0.0)
-        fall = math.sqrt(2 * gravity * float(floor - heights.min()))
+        fall = math.sqrt(2 * gravity * (floor - float(heights.min())))
     walls = max((_wall_speed(wall) for wall in scene.boundaries), default=0.0)
     return 2 * own + fall + walls
 

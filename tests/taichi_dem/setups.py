@@ -1,6 +1,8 @@
 """What the physics tests share: materials, scenes in one line, and a way to start one compiled
 simulation again from another state (a Simulation costs seconds to compile, a restart none)."""
 
+from contextlib import contextmanager
+
 import numpy as np
 
 import taichi_dem as dem
@@ -61,6 +63,18 @@ def restart(sim, position=None, velocity=0.0, omega=0.0, dt=None):
     sim._first_energy = 0.0
     sim._first_energy = sim.energy()["balance_error"]
     return sim
+
+
+@contextmanager
+def skin_held_at(sim, width):
+    """Within it, the contact list of ``sim`` always reaches ``width`` (m) beyond touching."""
+    engine, skin = sim._engine, sim._engine.skin
+    kept = dict(vars(skin))
+    skin.width = skin._least = skin._most = width
+    engine.grid.cell_size[None] = engine._set_skin()
+    yield
+    vars(skin).update(kept)
+    engine.grid.cell_size[None] = engine._set_skin()
 
 
 def watch(sim, steps, every, look):

@@ -114,7 +114,7 @@ def test_the_half_space_knows_nothing_of_particles(name):
 @pytest.mark.parametrize("name", FILES)
 def test_heavy_libraries_wait_until_they_are_used(name):
     used = {other.split(".")[0] for other in imports(name, outright=True)}
-    own = set(sys.stdlib_module_names) | set(PACKAGES) | {"tomli"}
+    own = set(sys.stdlib_module_names) | set(PACKAGES) | {"tomli", "tomllib"}
     assert used <= own | LIGHT
 
 

@@ -9,11 +9,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from setups import EPS, random_rotation, scene, state
+from setups import random_rotation, restart, scene, state
 
 import taichi_dem as dem
 
-R, SIDE, STEPS = 5e-3, 0.036, 400
+R, SIDE, DT, STEPS = 5e-3, 0.032, 5e-5, 400
 LAW = dem.Law(dem.Hertz(0.7), dem.Mindlin(0.4, damping=0.5))
 UP = np.array([0.0, 0.0, 1.0])
 SIDES = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)]
@@ -30,7 +30,6 @@ class Setting:
     shift: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
     units: tuple[float, float, float] = (1, 1, 1)
     ground: bool = True
-    boost: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
     walls: bool = True
 
     def kind(self, material):
@@ -47,9 +46,9 @@ class Setting:
         length, time, _ = self.units
         stone = self.kind(STONE)
         grid = np.stack(np.meshgrid(*[range(3)] * 3), axis=-1).reshape(-1, 3)
-        radius = R * rng.uniform(0.8, 1, len(grid))
-        place = (grid - [1, 1, 0]) * 2.2 * R + rng.uniform(-0.08, 0.08, grid.shape) * R
-        place[:, 2] += 0.99 * np.where(grid[:, 2] == 0, radius, 1.2 * R)
+        radius = R * rng.uniform(0.9, 1, len(grid))
+        place = (grid - [1, 1, 0]) * 1.95 * R + rng.uniform(-0.05, 0.05, grid.shape) * R
+        place[:, 2] += np.where(grid[:, 2] == 0, 0.97 * radius, 0.9 * R)
         velocity = 0.2 * rng.normal(size=place.shape) - [0, 0, 0.1]
         omega = 50 * rng.normal(size=place.shape) * np.linalg.det(self.turn)  # an axial vector
         walls = [(SIDE / 2 * np.array(side), -np.array(side)) for side in SIDES]
@@ -63,7 +62,7 @@ class Setting:
             (place @ self.turn.T + self.shift) * length,
             radius * length,
             stone,
-            (velocity @ self.turn.T + self.boost) * length / time,
+            velocity @ self.turn.T * length / time,
             omega @ self.turn.T / time,
             gravity=self.turn @ UP * -9.81 * length / time**2 if self.walls else (0, 0, 0),
             law=LAW,
@@ -75,14 +74,14 @@ class Setting:
         """Position, velocity and angular velocity in the first setting's directions and units, and
         the number of contacts early on."""
         length, time, _ = self.units
-        sim = dem.Simulation(self.scene(), dt=5e-5 * time)
-        sim.run(steps=STEPS // 10)
+        sim = dem.Simulation(self.scene(), dt=DT * time)
+        sim.run(steps=STEPS // 20)
         early = sim.contacts()["j"]
-        sim.run(steps=STEPS - STEPS // 10)
+        sim.run(steps=STEPS - STEPS // 20)
         found = state(sim) / np.repeat([length, length / time, 1 / time], 3)
         position, velocity, omega = np.split(found, 3, axis=1)
-        position = position - self.shift - self.boost * STEPS * 5e-5
-        back = np.hstack([position, velocity - self.boost, omega * np.linalg.det(self.turn)])
+        omega = omega * np.linalg.det(self.turn)
+        back = np.hstack([position - self.shift, velocity, omega])
         return (back.reshape(-1, 3, 3) @ self.turn).reshape(-1, 9), early
 
 
@@ -90,7 +89,7 @@ class Setting:
 def on_substrate():
     """The reference on a coupled substrate."""
     found, early = Setting().run()
-    assert np.sum(early == -1) >= 6 and np.sum(early != -1) >= 3
+    assert np.sum(early == -1) >= 6 and np.sum(early != -1) >= 15
     return found
 
 
@@ -103,9 +102,7 @@ def in_box():
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
-@pytest.mark.parametrize(
-    "turn", [np.diag([-1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0]), QUARTER], ids=["x", "y", "z"]
-)
+@pytest.mark.parametrize("turn", [np.diag([-1.0, 1.0, 1.0]), QUARTER], ids=["mirror", "quarter"])
 def test_mirrored_and_turned_by_a_quarter_to_the_bit(on_substrate, turn):
     assert np.array_equal(Setting(turn=turn).run()[0], on_substrate)
 
@@ -116,25 +113,25 @@ def test_units_do_not_matter_to_the_bit(on_substrate, units):
     assert np.array_equal(Setting(units=units).run()[0], on_substrate)
 
 
-@pytest.mark.parametrize(
-    "name", ["turned", "turned and mirrored", "moved", "turned, moved, in other units"]
-)
+@pytest.mark.parametrize("name", ["mirrored", "moved"])
 def test_elsewhere_up_to_the_growth_of_rounding(in_box, name):
+    """Turned at random; mirrored too, or moved and in units that are no powers of two."""
     rng = np.random.default_rng(8)
     turn, shift = random_rotation(rng), 5 * rng.normal(size=3) * SIDE
     setting = {
-        "turned": Setting(turn=turn, ground=False),
-        "turned and mirrored": Setting(turn=-turn, ground=False),
-        "moved": Setting(shift=shift, ground=False),
-        "turned, moved, in other units": Setting(turn, shift, (0.3, 7.0, 11.0), ground=False),
+        "mirrored": Setting(turn=-turn, ground=False),
+        "moved": Setting(turn, shift, (0.3, 7.0, 11.0), ground=False),
     }[name]
-    found = setting.run()[0]
-    assert np.abs(found - in_box)[:, :3].max() < 1e-10 * R
+    assert np.abs(setting.run()[0] - in_box)[:, :3].max() < 1e-10 * R
 
 
 def test_in_a_moving_frame():
-    """A cloud without walls, seen at rest and in flight many times faster than it stirs."""
-    at_rest = Setting(ground=False, walls=False).run()[0]
-    boost = np.array([8.0, -6.0, 4.0])
-    found = Setting(ground=False, walls=False, boost=boost).run()[0]
-    assert np.abs(found - at_rest)[:, :3].max() < 1e-10 * R
+    """A cloud without walls, seen at rest and flying many times faster than it stirs."""
+    setup, boost = Setting(ground=False, walls=False).scene(), np.array([3.0, -2.0, 1.0])
+    sim, ends, velocity = dem.Simulation(setup, dt=DT), [], setup.spheres.velocity
+    for wind in (0, boost):
+        restart(sim, velocity=velocity + wind, omega=setup.spheres.omega)
+        sim.run(steps=STEPS)
+        ends.append(sim.particles.position - STEPS * DT * wind)
+    assert np.abs(ends[1] - ends[0]).max() < 1e-10 * R
+    assert np.abs(ends[0] - setup.spheres.position - STEPS * DT * velocity).max() > 0.1 * R

@@ -131,7 +131,7 @@ def run(script: Path) -> Timing:
     if done.returncode:
         raise RuntimeError(f"{BINARY} failed:\n{done.stdout[-1000:]}{done.stderr[-1000:]}")
     loops = re.findall(r"Loop time of (\S+)", (script.parent / LOG).read_text())
-    core = after.children_user - before.children_user
+    core = sum(after[2:4]) - sum(before[2:4])  # of children: user, system
     return Timing(sum(map(float, loops)), wall, core)
 
 

@@ -103,6 +103,7 @@ class Engine:
         self.drivers.evaluate(self.time_step)
         self.drivers.finish()
         self._answer()
+        self._stop_at_nonsense()
 
     def _make_steps(self, most: int) -> int:
         """As many steps as can be made before the host is needed, at most ``most``."""
@@ -134,6 +135,11 @@ class Engine:
         if stale:
             self.rebuild()
 
+    def _stop_at_nonsense(self) -> None:
+        row = guards.first_offender(self.particles, self.time_step)
+        if row >= 0:
+            self._stop(guards.describe_offender(self.particles, row, self.time_step), row)
+
     def _stop(self, why: str, row: int | None) -> None:
         when = self.step * self.time_step
         good = self._good
@@ -162,9 +168,8 @@ class Engine:
 
     def rebuild(self, remember: bool = True) -> None:
         """Make the contact list anew; what the contacts remember goes along."""
-        row = guards.first_offender(self.particles, self.time_step) if remember else -1
-        if row >= 0:
-            self._stop(guards.describe_offender(self.particles, row, self.time_step), row)
+        if remember:
+            self._stop_at_nonsense()
         if self.skin.rebuilt(self.step):
             self.grid.cell_size[None] = self._set_skin()
         self.lost += self.energy.take_loss()

@@ -173,7 +173,7 @@ for substrate in (False, True):
     sim = Simulation(test.pouring(substrate, (6, 6, 3)))
     for driver in ("serial", "parallel"):
         sim._engine.pace.driver = driver
-        test.begin(sim).run(steps=400)
+        test.begin(sim).run(steps=500)
         assert sim._engine.rebuilds > 10 and len(sim.contacts()) > 30
         print(substrate, test.digest(sim))
 """

@@ -1,0 +1,273 @@
+"""What stops a run, what it says, and what it leaves; what it warns of, and how often."""
+
+import warnings
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from setups import GEL, GLASS, law, restart, scene, state
+
+import taichi_dem as dem
+
+R = 5e-3
+TOY = dem.Material("toy", density=1, youngs_modulus=1, poissons_ratio=0.3)
+
+
+def spy():
+    """An output that only notes what it is told."""
+    seen = []
+    return seen, SimpleNamespace(
+        every=None,
+        start=lambda sim: seen.append("start"),
+        write=lambda sim: seen.append("write"),
+        finish=lambda sim: seen.append(("finish", sim.steps, np.isfinite(state(sim)).all())),
+    )
+
+
+def stop(sim, **length):
+    """Run until it is stopped; the exception, and what an output saw."""
+    seen, output = spy()
+    with pytest.raises(dem.SimulationStopped) as caught:
+        sim.run(**length, outputs=[output])
+    return caught.value, seen
+
+
+def assert_last_good_state(sim, stopped, seen):
+    """It is finite, it is what the simulation holds, and outputs were finished there."""
+    good = stopped.last_good
+    for name in ("position", "velocity", "omega"):
+        assert np.isfinite(good[name]).all()
+        assert np.array_equal(getattr(sim.particles, name), good[name])
+    assert (sim.steps, sim.time) == (good["step"], pytest.approx(good["time"]))
+    assert seen == ["start", ("finish", good["step"], True)]
+    assert str(stopped) in sim.summary()["outcome"]
+
+
+# -- stopped ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def meeting():
+    """Two spheres that repel each other by less than rounding, on their way to the same place, in
+    steps and places that have no rounding."""
+    setup = scene(
+        [(50.0, 0, 0), (-1.0, 0, 0), (1.0, 0, 0)],
+        0.75,
+        TOY,
+        velocity=[(0, 0, 0), (1.0, 0, 0), (-1.0, 0, 0)],
+        law=dem.Law(dem.Hooke(1e-280, 1.0)),
+    )
+    with pytest.warns(RuntimeWarning, match="stable step"):
+        return dem.Simulation(setup, dt=0.125)
+
+
+@pytest.mark.parametrize(
+    "pieces", [[20], [8, 1], [1] * 8], ids=["in one run", "at its end", "ones"]
+)
+def test_not_a_number_stops_the_run(meeting, pieces):
+    """Centres that meet have no normal: whether it shows in the middle of a run or by its last
+    half kick, no run ends with a state that is not finite."""
+    restart(meeting, velocity=meeting.scene.spheres.velocity)
+    meeting._engine.control.deepest[None] = np.inf  # or their overlap would stop them before
+    for steps in pieces[:-1]:
+        try:
+            meeting.run(steps=steps)
+        except dem.SimulationStopped:
+            pieces = [steps]
+            break
+    stopped, seen = stop(meeting, steps=pieces[-1])
+    assert_last_good_state(meeting, stopped, seen)
+    assert stopped.particle == 1
+    for words in ("at t = ", "sphere 1 is at", "not a number", "centres may have met", "time step"):
+        assert words in str(stopped)
+
+
+def test_too_deep_an_overlap_stops_the_run():
+    """A soft sphere that falls too fast on another: which, where, when, how deep, what to do."""
+    setup = scene(
+        [(0, 0, 0), (0.1, 0.2, 0.3), (0.1, 0.2, 0.3 + 2.2 * R)],
+        R,
+        GEL,
+        velocity=[(0, 0, 0), (0, 0, 0), (0, 0, -6.0)],
+        law=law(),
+    )
+    sim = dem.Simulation(setup)
+    stopped, seen = stop(sim, duration=0.01)
+    assert_last_good_state(sim, stopped, seen)
+    assert stopped.particle in (1, 2)
+    time = float(str(stopped).split("t = ")[1].split()[0])
+    assert 0.2 * R / 6 < time < 1.2 * R / 6 * 3
+    for words in (
+        "sphere 2 overlaps sphere 1 by 0.00",
+        " at (0.1, 0.2, 0.30",
+        "limit 0.5",
+        "Try a",
+    ):
+        assert words in str(stopped)
+    for cure in ("smaller time step", "stiffer material", "lower speed or load", "max_overlap"):
+        assert cure in str(stopped)
+
+
+def test_a_raised_limit_lets_a_deep_overlap_pass():
+    place, velocity = [(0, 0, 0), (0, 0, 2.2 * R)], [(0, 0, 0), (0, 0, -1.0)]
+    setup = scene(place, R, GEL, velocity, law=law())
+    low = dem.Simulation(setup, max_overlap=0.1)
+    stopped, _ = stop(low, duration=0.02)
+    assert "of the smaller radius (limit 0.1)" in str(stopped)
+    high = dem.Simulation(setup, max_overlap=0.6)
+    high.run(duration=0.02)
+    assert high.particles.velocity[0, 2] == pytest.approx(-1.0, rel=1e-2)
+
+
+def test_overlaps_with_walls_and_substrate_are_named():
+    at = (0, 0, 1.1 * R)
+    wall = dem.Plane((0, 0, 0), (0, 0, 1), GEL)
+    far = dem.Plane((0, 0, -1), (0, 0, 1), GEL)
+    for ground, name in (
+        ({"boundaries": [far, wall]}, "boundary 1"),
+        ({"substrate": dem.Substrate(GEL, exchange="none")}, "the substrate"),
+    ):
+        sim = dem.Simulation(scene([at], R, GEL, (0, 0, -6.0), law=law(), **ground))
+        stopped, _ = stop(sim, duration=0.01)
+        assert stopped.particle == 0 and f"sphere 0 overlaps {name}" in str(stopped)
+
+
+def test_too_fast_a_sphere_stops_the_run():
+    """Free fall to a speed at which a quarter of the radius goes by in one step.  What was there
+    before can be looked at, and goes on."""
+    place = [(0, 0, 0), (0.3, 0, 0)]
+    setup = scene(place, [R, 10 * R], law=law(0.5, 0.3), gravity=(0, 0, -1e3))
+    sim = dem.Simulation(setup, dt=1e-5)
+    sim.run(steps=100)
+    kept = state(sim)
+    stopped, seen = stop(sim, duration=1.0)
+    assert_last_good_state(sim, stopped, seen)
+    assert stopped.particle == 0
+    limit = 0.25 * R / sim.dt
+    time = float(str(stopped).split("t = ")[1].split()[0])
+    assert limit <= 1e3 * time < 1.02 * limit
+    for words in (
+        "sphere 0 at (0, 0, -",
+        "in one step at 12",
+        "0.25 of its radius",
+        "smaller time",
+    ):
+        assert words in str(stopped)
+
+    assert stopped.last_good["step"] == sim.steps == 100
+    assert np.array_equal(state(sim), kept)
+    sim.run(steps=100)
+    assert sim.steps == 200 and sim.particles.velocity[0, 2] == pytest.approx(-1e3 * 200e-5)
+
+
+# -- warned ----------------------------------------------------------------------------------------
+
+
+def messages(caught):
+    return [str(warning.message) for warning in caught if warning.category is RuntimeWarning]
+
+
+def test_a_step_beyond_the_stable_one_is_warned_of():
+    setup = scene([(0, 0, 0), (3 * R, 0, 0)], R, law=law())
+    stable = dem.Simulation(setup).dt
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert dem.Simulation(setup, dt=0.9 * stable).warnings == {}
+        assert messages(caught) == []
+        sim = dem.Simulation(setup, dt=1.1 * stable)
+        sim.run(steps=3)
+    (message,) = messages(caught)
+    assert sim.warnings == {"time_step": 1}
+    assert f"dt = {1.1 * stable:.3g} s" in message and f"{stable:.3g} s" in message
+    assert sim.dt == 1.1 * stable and "half period" in sim.dt_reason
+
+
+def test_fast_and_wide_contacts_are_warned_of_once_and_counted():
+    """Spheres that strike the gel at more and at less than a tenth of its shear wave speed, and
+    some that sink to more than 0.3 of their radius: one warning of each kind, all counted."""
+    wave = np.sqrt(GEL.youngs_modulus / (2 * (1 + GEL.poissons_ratio)) / GEL.density)
+    speeds = np.array([0.005, 0.01, 0.08, 0.12, 0.2]) * wave
+    place = [(k, 0, 1.001 * R) for k in range(5)]
+    velocity = np.zeros((5, 3))
+    velocity[:, 2] = -speeds
+    setup = scene(place, R, GLASS, velocity, law=law(), substrate=dem.Substrate(GEL))
+    sim = dem.Simulation(setup)
+    deepest = np.zeros(5)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for _ in range(600):
+            sim.run(steps=10)
+            deepest = np.maximum(deepest, 1 - sim.particles.position[:, 2] / R)
+    wide = int(np.sum(deepest > 0.3**2))
+    assert not len(sim.contacts()) and 0 < wide < 5
+    assert np.abs(deepest - 0.09).min() > 0.002  # none so near the mark that couplings decide
+    assert sim.warnings == {"fast_impacts": 2, "wide_contacts": wide}
+    found = messages(caught)
+    assert len(found) == 2
+    assert sum("shear wave speed" in message for message in found) == 1
+    assert sum("0.3 of its sphere's radius" in message for message in found) == 1
+
+
+# -- refused ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def anything():
+    return scene([(0, 0, 0)], R, law=law())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"dt": 0}, "dt = 0: must be > 0 s"),
+        ({"dt": -1e-6}, "dt = -1e-06: must be > 0 s"),
+        ({"dt": float("nan")}, "dt = nan: must be > 0 s"),
+        ({"dt": "fast"}, "dt = fast: must be a number"),
+        ({"driver": "paralel"}, "did you mean 'parallel'?"),
+        ({"max_overlap": 0}, "max_overlap = 0: must be > 0"),
+        ({"max_overlap": 1.5}, "max_overlap = 1.5: must be > 0 and <= 1"),
+    ],
+)
+def test_bad_arguments_of_a_simulation_are_refused(anything, arguments, words):
+    with pytest.raises(dem.InputError) as caught:
+        dem.Simulation(anything, **arguments)
+    assert words in str(caught.value)
+
+
+def test_all_bad_arguments_are_named_at_once(anything):
+    with pytest.raises(dem.InputError) as caught:
+        dem.Simulation(anything, dt=-1, driver="gpu", max_overlap=-1)
+    for name in ("dt", "driver", "max_overlap"):
+        assert name in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({}, "give either duration (s) or steps"),
+        ({"duration": 1.0, "steps": 3}, "give either duration (s) or steps"),
+        ({"steps": -1}, "steps = -1: must be a whole number >= 0"),
+        ({"steps": 1.5}, "steps = 1.5: must be a whole number"),
+        ({"steps": True}, "steps = True: must be a whole number"),
+        ({"duration": -1.0}, "duration = -1.0: must be >= 0 s"),
+        ({"duration": float("inf")}, "duration = inf: must be >= 0 s"),
+        ({"duration": "long"}, "duration = long: must be a number"),
+    ],
+)
+def test_bad_arguments_of_run_are_refused_before_anything_moves(meeting, arguments, words):
+    before = meeting.steps
+    with pytest.raises(dem.InputError) as caught:
+        meeting.run(**arguments)
+    assert words in str(caught.value) and meeting.steps == before
+
+
+def test_a_run_of_nothing_does_nothing_and_a_duration_is_whole_steps(meeting):
+    restart(meeting)
+    before = state(meeting)
+    meeting.run(steps=0)
+    meeting.run(duration=0)
+    assert meeting.steps == 0 and np.array_equal(state(meeting), before)
+    meeting.run(duration=3 * 0.125)
+    assert meeting.steps == 3
+    meeting.run(duration=0.126)
+    assert meeting.steps == 5

@@ -36,4 +36,10 @@ class Control:
 
     @ti.func
     def calls_host(self) -> ti.i32:
-        return self.flags[STALE] + self.flags[TOO_DEEP] + self.flags[UNSOLVED]
+        """Zero, or the sum of 2**reason over the flags that are up."""
+        return self.flags[STALE] + 2 * self.flags[TOO_DEEP] + 4 * self.flags[UNSOLVED]
+
+    @ti.kernel
+    def reasons(self) -> ti.i32:
+        """:meth:`calls_host`, for the host."""
+        return self.calls_host()

@@ -10,7 +10,7 @@ from halfspace import backend
 from taichi_dem import guards
 from taichi_dem.boundaries import Boundaries
 from taichi_dem.contact_list import ContactList
-from taichi_dem.control import STALE, Control
+from taichi_dem.control import STALE, TOO_DEEP, UNSOLVED, Control
 from taichi_dem.drivers import Drivers
 from taichi_dem.energy import Energy
 from taichi_dem.exchange import Exchange
@@ -78,6 +78,7 @@ class Engine:
         self._make_list(CONTACTS_PER_PARTICLE * spheres.count + 64)
         self._keep_good_state()
         self.rebuild()
+        self._solve_on_host()
         self.drivers.evaluate(0.0)
         self.drivers.note_pushes()
         self._answer()
@@ -119,20 +120,20 @@ class Engine:
 
     def _answer(self) -> None:
         """Do what the kernels called the host for."""
-        stale, deep, unsolved = self.control.flags.to_numpy()
-        if deep:
+        reasons = self.control.reasons()
+        if reasons & 1 << TOO_DEEP:
             records = self.records()
             row, why = guards.describe_deepest(
                 records, self.scene.spheres.radius, float(self.control.deepest[None])
             )
             self._stop(why, row)
-        if unsolved:
+        if reasons & 1 << UNSOLVED:
             self._stop(
                 "the contacts with the substrate found no equilibrium. Try a smaller time step or "
                 "a larger residual",
                 None,
             )
-        if stale:
+        if reasons & 1 << STALE:
             self.rebuild()
 
     def _stop_at_nonsense(self) -> None:
@@ -149,6 +150,7 @@ class Engine:
         self.control.flags.fill(0)
         self.rebuild(remember=False)
         self.lost = good["lost"]
+        self._solve_on_host()
         self.drivers.evaluate(0.0)
         raise SimulationStopped(f"at t = {when:.6g} s {why}.", row, good)
 

@@ -50,10 +50,10 @@ class Mindlin:
             - stored.dot(contact.normal) * contact.normal
             + contact.spin * contact.time_step * contact.normal.cross(stored)
         )
-        length = turned.dot(turned)
-        if length > 0.0:
+        square = turned.dot(turned)
+        if square > 0.0:
             kept = ti.min(stiffness / history.tangential_stiffness, 1.0)
-            turned *= kept * ti.sqrt(stored.dot(stored) / length)
+            turned *= kept * ti.sqrt(stored.dot(stored) / square)
         spring = turned - stiffness * contact.time_step * contact.tangential_velocity
 
         limit = k.friction * ti.max(normal.total, 0.0)

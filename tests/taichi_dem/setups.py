@@ -56,6 +56,7 @@ def restart(sim, position=None, velocity=0.0, omega=0.0, dt=None):
     control.flags.fill(0)
     engine.skin._built_at = 0
     engine.rebuild(remember=False)
+    engine._solve_on_host()
     engine.drivers.evaluate(0.0)
     engine.drivers.note_pushes()
     engine.lost = 0.0

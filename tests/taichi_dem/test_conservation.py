@@ -1,4 +1,4 @@
-"""Momentum, angular momentum and energy: what must be kept is kept, what is lost is on the books."""
+"""Momentum, angular momentum, energy: what must be kept is kept, what is lost is on the books."""
 
 import numpy as np
 import pytest

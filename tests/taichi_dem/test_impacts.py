@@ -149,7 +149,7 @@ def test_restitution_out_is_restitution_in(rebounds, steps):
 
 
 def test_restitution_depends_on_neither_speed_nor_units(rebounds):
-    restitution, found = rebounds
+    found = rebounds[1]
     for steps in (100, 400):
         alike = found[1, steps].reshape(len(RESTITUTION), len(SPEEDS))
         assert np.ptp(alike, axis=1).max() < 1e-8
@@ -239,7 +239,10 @@ def oblique():
     restitution = np.repeat([0.98, 0.5], len(ANGLES))
     angle = np.tile(ANGLES, 2)
     kinds = [material(f"alumina {e}", reference.ALUMINA) for e in (0.98, 0.5)]
-    pairs = {(k.name, "rigid"): {"normal": dem.Hertz(e)} for k, e in zip(kinds, (0.98, 0.5))}
+    pairs = {
+        (kind.name, "rigid"): {"normal": dem.Hertz(e)}
+        for kind, e in zip(kinds, (0.98, 0.5), strict=True)
+    }
     radius = reference.ALUMINA.radius
     place = np.stack([0.05 * np.arange(10), np.zeros(10), np.full(10, radius)], axis=1)
     velocity = SPEED * np.stack([np.sin(angle), 0 * angle, -np.cos(angle)], axis=1)
@@ -280,7 +283,7 @@ def test_chung_ooi_oblique_impact_in_gross_sliding(oblique):
 
 def test_chung_ooi_spin_after_an_oblique_impact(oblique):
     """omega = (5/2R) mu (1 + e) v cos(theta), less what the arm R - overlap/2 takes off."""
-    restitution, angle, velocity, after = oblique
+    restitution, angle, _, after = oblique
     radius = reference.ALUMINA.radius
     tail = np.array([tail_of_damping(e) for e in restitution])
     expected = reference.oblique_impact(angle, radius, SPEED, MU, restitution).spin * (1 + tail)
@@ -317,7 +320,7 @@ def resting(request):
 def test_sliding_turns_into_rolling(resting):
     """5/7 of the speed after 2 v0/(7 mu g), in any direction; the arm is a little shorter than the
     radius, which the closed form for an arm b allows for: m b^2/(m b^2 + 2/5 m R^2)."""
-    sim, arm, mass = resting
+    sim, arm, _ = resting
     radius = sim.particles.radius[0]
     share = arm**2 / (arm**2 + 0.4 * radius**2)
     speed, time = reference.slip_to_roll(V0, FRICTION, GRAVITY)

@@ -2,22 +2,49 @@
 
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 TICKS = 100.0  # of /proc/stat in a second
+QUIET = 0.1  # cores that others may use
+PAUSE = 0.3  # s, to listen
+
+Result = TypeVar("Result")
+
+
+def undisturbed(measure: Callable[[], Result], patience: float) -> tuple[Result, float]:
+    """What ``measure`` gives while others are quiet, and the cores that they used meanwhile.
+
+    Waits and measures again for ``patience`` (s); after that the least disturbed one has to do.
+    """
+    end = time.monotonic() + patience
+    results = []
+    while True:
+        _wait(end)
+        others = Others()
+        results.append((measure(), others.cores()))
+        if results[-1][1] < QUIET or time.monotonic() > end:
+            return min(results, key=lambda result: result[1])
+
+
+def _wait(end: float) -> None:
+    """Until others are quiet, or ``end``."""
+    while time.monotonic() < end:
+        others = Others()
+        time.sleep(PAUSE)
+        if others.cores() < QUIET:
+            return
 
 
 class Others:
-    """Cores that others used since :meth:`start`, on average."""
+    """Counts the cores that others use from now on."""
 
     def __init__(self) -> None:
-        self.start()
-
-    def start(self) -> None:
         self._then, self._busy, self._own = time.perf_counter(), _busy(), _own()
 
     def cores(self) -> float:
-        """0 where the machine cannot tell."""
+        """On average; 0 where the machine cannot tell."""
         busy, own = _busy() - self._busy, _own() - self._own
         return max(busy - own, 0.0) / (time.perf_counter() - self._then)
 

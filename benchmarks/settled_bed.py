@@ -13,11 +13,13 @@ from collections.abc import Callable
 import taichi_dem as dem
 from benchmarks import bed as beds
 from benchmarks import peers
+from benchmarks.others import undisturbed
 from benchmarks.report import Figure
 
 LEAST_RATIO = 1.4  # to LIGGGHTS on two ranks, from a thousand particles up
 LEAST_SPEED = 15.0  # million particle-steps per second with a hundred particles on one core
 SKINS = (0.025, 0.05, 0.1, 0.2)  # diameters, that peers are tried with
+WARM_UP = 1e7  # particle-steps, at most, before anything is timed
 GUESS = 5e6  # particle-steps per second, before anything is measured
 
 
@@ -28,7 +30,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ranks", type=int, default=2, help="MPI ranks of the peers")
     parser.add_argument("--rounds", type=int, default=5, help="turns of each code")
     parser.add_argument("--seconds", type=float, default=3.0, help="length of a turn")
-    parser.add_argument("--warm-up", type=int, default=1000, help="steps that are not timed")
+    parser.add_argument("--patience", type=float, default=60.0, help="s to wait for a quiet turn")
+    parser.add_argument("--warm-up", type=int, default=1000, help="untimed steps, at most")
     parser.add_argument("--driver", choices=["auto", "serial", "parallel"], default="auto")
 
 
@@ -39,20 +42,27 @@ def run(options: argparse.Namespace) -> list[Figure]:
 
 def _one_size(count: int, options: argparse.Namespace) -> list[Figure]:
     bed = beds.settled(count)
-    here = _Ours(bed, options.warm_up, options.driver)
-    others = [_Peer(code, bed, options) for code in options.peers if peers.available(code)]
+    warm_up = min(options.warm_up, max(1, int(WARM_UP / count)))
+    here = _Ours(bed, warm_up, options.driver)
+    others = [_Peer(code, bed, warm_up, options) for code in options.peers if peers.available(code)]
     codes: list[_Ours | _Peer] = [here, *others]
     for code in codes:
         code.speed(int(0.3 * GUESS * options.seconds / count) + 1)
     steps = [int(code.last * options.seconds / count) + 1 for code in codes]
-    turns = [
-        [code.speed(n) for code, n in zip(codes, steps, strict=True)] for _ in range(options.rounds)
-    ]
+    turns, disturbed = [], []
+    for _ in range(options.rounds):
+        turn, others = undisturbed(
+            lambda: [code.speed(n) for code, n in zip(codes, steps, strict=True)],
+            options.patience,
+        )
+        turns.append(turn)
+        disturbed.append(others)
     figures = _figures(count, codes, turns)
-    for code, n in zip(codes, steps, strict=True):
+    print(f"{count:7d} spheres: others used {statistics.median(disturbed):.2f} cores meanwhile")
+    for code, n, figure in zip(codes, steps, figures, strict=False):
         contacts, energy = code.state()
         print(
-            f"{count:7d} {code.name:9s} {n} steps a turn, {code.how()}: {contacts:.0f} contacts "
+            f"{count:7d} {code.name:9s} {figure.value:.4g} M/s, {n} steps a turn, {code.how()}: {contacts:.0f} contacts "
             f"of spheres, coordination {2 * contacts / count:.4f}, kinetic energy {energy:.3g} J"
         )
     return figures
@@ -111,9 +121,9 @@ class _Ours:
 class _Peer:
     """LIGGGHTS or LAMMPS: a process for every turn, from the same state each time."""
 
-    def __init__(self, code: str, bed: beds.Bed, options: argparse.Namespace):
+    def __init__(self, code: str, bed: beds.Bed, warm_up: int, options: argparse.Namespace):
         self.name, self.count, self.scene = code, bed.count, beds.scene(bed)
-        self.ranks, self.warm_up = options.ranks, options.warm_up
+        self.ranks, self.warm_up = options.ranks, warm_up
         self.last, self.timing = GUESS, None
         self.skin = 0.0
         trial = int(0.2 * GUESS * options.seconds / bed.count) + 1
@@ -140,7 +150,7 @@ class _Peer:
 
 
 def _best(candidates: tuple[float, ...], speed: Callable[[float], float]) -> float:
-    """The candidate of the highest speed, the median of three trials in turns."""
+    """The candidate of the highest speed in three rounds; a disturbance can only slow it down."""
     trials = [[speed(candidate) for candidate in candidates] for _ in range(3)]
-    medians = [statistics.median(column) for column in zip(*trials, strict=True)]
-    return candidates[medians.index(max(medians))]
+    best = [max(column) for column in zip(*trials, strict=True)]
+    return candidates[best.index(max(best))]

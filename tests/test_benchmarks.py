@@ -33,7 +33,7 @@ def settled(bed):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("settled_bed", "-n", str(FEW), "--peers", "--warm-up", "10", *QUICK),
+        ("settled_bed", "-n", str(FEW), "--peers", "--warm-up", "10", "--patience", "0", *QUICK),
         ("rebuild", "-n", str(FEW), "--rounds", "2", "--steps", "20"),
         ("memory", "-n", str(2 * FEW)),
         ("startup", "-n", str(FEW), "--rounds", "1"),

@@ -130,8 +130,8 @@ def test_a_sphere_rests_where_hertz_says(channel):
 
 
 def test_a_plate_under_load_comes_to_rest_on_a_bed():
-    """Four spheres carry the plate, each a quarter of its load (gravity does not act on plates); the
-    floor carries the spheres too.  Overlaps are Hertz's."""
+    """Four spheres carry the plate, each a quarter of its load (plates have no weight); the floor
+    carries the spheres too.  Overlaps are Hertz's."""
     load = 2.0
     place = [(x, y, R) for x in (-0.02, 0.02) for y in (-0.02, 0.02)]
     setup = scene(
@@ -160,76 +160,68 @@ def test_a_plate_under_load_comes_to_rest_on_a_bed():
 # -- conveyors -------------------------------------------------------------------------------------
 
 
-def test_a_conveyor_sets_a_sphere_rolling():
-    """Dragged from rest by a belt at v: mu g until it rolls at 2/7 of the belt's speed (for an arm
-    b, 2/5 m R^2/(m b^2 + 2/5 m R^2)), with its surface as fast as the belt."""
-    belt, friction = np.array([0.06, 0.08, 0.0]), 0.4
-    overlap = resting_overlap(MASS * G)
-    sim = dem.Simulation(
-        scene(
-            [(0, 0, R - overlap)],
-            R,
-            STONE,
-            gravity=(0, 0, -G),
-            boundaries=[dem.Plane((0, 0, 0), (0, 0, 1), STONE, velocity=belt)],
-            law=law(0.5, friction),
-        )
-    )
-    arm = R - overlap / 2
+BELT, MU = np.array([0.06, 0.08, 0.0]), 0.4
+
+
+@pytest.fixture(scope="module")
+def conveyor():
+    """On a belt: a sphere at rest, and one of twice its size held by a second belt above."""
+    overlap, gap = resting_overlap(MASS * G), 3.98 * R
+    walls = [
+        dem.Plane((0, 0, 0), (0, 0, 1), STONE, velocity=BELT),
+        dem.Plane((0, 0, gap), (0, 0, -1), STONE, velocity=BELT),
+    ]
+    place = [(0, 0, R - overlap), (0.3, 0, gap / 2)]
+    setup = scene(place, [R, 2 * R], STONE, boundaries=walls, law=law(0.5, MU), gravity=(0, 0, -G))
+    return dem.Simulation(setup), R - overlap / 2
+
+
+def test_a_conveyor_sets_a_sphere_rolling(conveyor):
+    """Dragged from rest by mu g until it rolls at 2/7 of the belt's speed (for an arm b,
+    2/5 m R^2/(m b^2 + 2/5 m R^2)), with its surface as fast as the belt."""
+    sim, arm = restart(conveyor[0]), conveyor[1]
     share = 0.4 * R**2 / (arm**2 + 0.4 * R**2)
-    rolls = share * 0.1 / (friction * G)
+    assert share == pytest.approx(2 / 7, rel=2 * (1 - arm / R))
+    rolls = share * 0.1 / (MU * G)
     sim.run(duration=0.5 * rolls)
-    assert np.allclose(sim.particles.velocity[0], 10 * belt * friction * G * sim.time, rtol=0.01)
+    assert np.allclose(sim.particles.velocity[0], 10 * BELT * MU * G * sim.time, rtol=0.01)
     sim.run(duration=8 * rolls)
     velocity, omega = sim.particles.velocity[0], sim.particles.omega[0]
-    assert np.allclose(velocity, share * belt, rtol=1e-6, atol=1e-9)
-    assert np.allclose(velocity - np.cross(omega, [0, 0, arm]), belt, rtol=1e-6, atol=1e-9)
-    assert share == pytest.approx(2 / 7, rel=overlap / R)
+    assert np.allclose(velocity, share * BELT, rtol=1e-6, atol=1e-9)
+    assert np.allclose(velocity - np.cross(omega, [0, 0, arm]), BELT, rtol=1e-6, atol=1e-9)
 
 
-def test_between_two_conveyors_a_sphere_goes_along():
-    """Held between belts of the same speed it cannot roll: it reaches their speed, without spin."""
-    belt, depth = (0.1, -0.05, 0.0), 0.01 * R
-    walls = [
-        dem.Plane((0, 0, depth), (0, 0, 1), STONE, velocity=belt),
-        dem.Plane((0, 0, 2 * R - depth), (0, 0, -1), STONE, velocity=belt),
-    ]
-    sim = dem.Simulation(scene([(0, 0, R)], R, STONE, boundaries=walls, law=law(0.5, 0.4)))
-    sim.run(duration=0.1)
-    assert np.allclose(sim.particles.velocity[0], belt, rtol=1e-9, atol=1e-12)
-    assert np.abs(sim.particles.omega[0]).max() < 1e-9 * 0.1 / R
+def test_between_two_conveyors_a_sphere_goes_along(conveyor):
+    """Held between belts of the same speed it cannot roll: it reaches their speed and stops
+    spinning."""
+    sim = restart(conveyor[0])
+    sim.run(duration=0.3)
+    assert np.allclose(sim.particles.velocity[1], BELT, rtol=1e-6, atol=1e-9)
+    assert np.abs(sim.particles.omega[1]).max() < 1e-6 * 0.1 / R
 
 
 # -- read-outs -------------------------------------------------------------------------------------
 
 
-def test_torque_is_about_the_reference_point():
-    """Spheres at rest on a floor whose reference point is elsewhere press with their weight on the
-    arm between; a spinning one twists it through friction."""
-    overlap = resting_overlap(MASS * G)
-    where = np.array([(0.3, -0.2, R - overlap), (-0.1, 0.4, R - overlap)])
-    point = np.array([0.1, 0.05, 0.0])
-    setup = scene(
-        where,
-        R,
-        STONE,
-        gravity=(0, 0, -G),
-        boundaries=[dem.Plane(point, (0, 0, 1), STONE)],
-        law=law(0.5, 0.4),
-    )
-    sim = dem.Simulation(setup)
-    floor = sim.boundaries[0]
-    assert np.array_equal(floor.position, point)
-    weight = np.array([0, 0, -MASS * G])
-    assert np.allclose(floor.force, 2 * weight, rtol=1e-12)
-    expected = np.cross(where - point, weight).sum(axis=0)
-    assert np.allclose(floor.torque, expected, rtol=1e-12, atol=1e-15)
+def test_torque_is_about_the_reference_point(channel):
+    """Spheres at rest press with their weight on the arm from the box's reference point, its low
+    corner where that is finite; one that spins twists it through friction."""
+    sim = restart(channel)
+    point = np.array([0, -0.1, 0])
+    box, resting = sim.boundaries[0], sim.contacts()["i"]
+    assert np.array_equal(box.position, point)
+    assert box.force[2] == pytest.approx(-2 * MASS * G, rel=1e-9)
+    records = sim.contacts()
+    expected = np.cross(records["position"] - point, -records["force"]).sum(axis=0)
+    assert np.allclose(box.torque, expected, rtol=1e-12, atol=1e-15)
+    by_hand = np.cross(sim.particles.position[0] - point, [0, 0, -MASS * G])
+    alone = np.cross(records["position"][0] - point, -records["force"][0])
+    assert np.allclose(alone, by_hand, rtol=1e-12, atol=1e-15) and 0 in resting
 
-    restart(sim, omega=np.array([(0, 50.0, 0), (0, 0, 0)])).run(steps=20)
-    records, floor = sim.contacts(), sim.boundaries[0]
-    assert abs(records["force"][0, 0]) == pytest.approx(0.4 * MASS * G, rel=1e-3)
-    arms = sim.particles.position - point
-    arms[:, 2] = -records["overlap"] / 2
-    expected = np.cross(arms, -records["force"]).sum(axis=0)
-    assert np.allclose(floor.torque, expected, rtol=1e-12, atol=1e-15)
-    assert abs(floor.torque[2]) > 0.1 * 0.4 * MASS * G
+    omega = np.array([(0, 50.0, 0), (0, 0, 0), (0, 0, 0)])
+    restart(channel, omega=omega).run(steps=20)
+    records = sim.contacts()
+    assert abs(records["force"][0, 0]) == pytest.approx(0.5 * MASS * G, rel=1e-3)
+    expected = np.cross(records["position"] - point, -records["force"]).sum(axis=0)
+    assert np.allclose(sim.boundaries[0].torque, expected, rtol=1e-12, atol=1e-15)
+    assert abs(sim.boundaries[0].torque[2]) > 0.9 * 0.1 * 0.5 * MASS * G

@@ -169,13 +169,12 @@ import test_determinism as test
 from taichi_dem import Simulation, engine, neighbors
 
 engine.REORDER_ABOVE, engine.REORDER_EVERY, neighbors.SERIAL_BELOW = 0, 1, 0
-for substrate in (False, True):
-    sim = Simulation(test.pouring(substrate, (6, 6, 3)))
-    for driver in ("serial", "parallel"):
-        sim._engine.pace.driver = driver
-        test.begin(sim).run(steps=500)
-        assert sim._engine.rebuilds > 10 and len(sim.contacts()) > 30
-        print(substrate, test.digest(sim))
+sim = Simulation(test.pouring(True, (6, 6, 3)))
+for driver in ("serial", "parallel"):
+    sim._engine.pace.driver = driver
+    test.begin(sim).run(steps=500)
+    assert sim._engine.rebuilds > 10 and len(sim.contacts()) > 30
+    print(test.digest(sim))
 """
 
 
@@ -196,8 +195,8 @@ def start(threads):
 
 
 def test_threads_and_drivers_give_the_same_bits():
-    """Beds of 108 with every parallel path in use, in a box and on a coupled substrate, by one and
-    by two threads, serial and in parallel."""
+    """A bed with every parallel path in use, a piston and a coupled substrate, by one and by two
+    threads, serial and in parallel."""
     runs = [start(threads) for threads in (1, 2)]
     lines = []
     for run in runs:
@@ -205,4 +204,4 @@ def test_threads_and_drivers_give_the_same_bits():
         assert run.returncode == 0, errors
         lines.append(out.splitlines())
     assert lines[0] == lines[1]
-    assert len(lines[0]) == 4 and len(set(lines[0])) == 2
+    assert len(lines[0]) == 2 and len(set(lines[0])) == 1

@@ -108,28 +108,28 @@ def test_too_deep_an_overlap_stops_the_run():
         assert cure in str(stopped)
 
 
-def test_a_raised_limit_lets_a_deep_overlap_pass():
-    place, velocity = [(0, 0, 0), (0, 0, 2.2 * R)], [(0, 0, 0), (0, 0, -1.0)]
-    setup = scene(place, R, GEL, velocity, law=law())
-    low = dem.Simulation(setup, max_overlap=0.1)
-    stopped, _ = stop(low, duration=0.02)
-    assert "of the smaller radius (limit 0.1)" in str(stopped)
-    high = dem.Simulation(setup, max_overlap=0.6)
-    high.run(duration=0.02)
-    assert high.particles.velocity[0, 2] == pytest.approx(-1.0, rel=1e-2)
-
-
-def test_overlaps_with_walls_and_substrate_are_named():
-    at = (0, 0, 1.1 * R)
-    wall = dem.Plane((0, 0, 0), (0, 0, 1), GEL)
-    far = dem.Plane((0, 0, -1), (0, 0, 1), GEL)
-    for ground, name in (
-        ({"boundaries": [far, wall]}, "boundary 1"),
-        ({"substrate": dem.Substrate(GEL, exchange="none")}, "the substrate"),
+def test_the_limit_of_overlaps_is_the_users_for_spheres_walls_and_substrate():
+    """Spheres that strike a wall, the substrate and each other: each is named; below the limit they
+    rebound."""
+    place = [(0.9 * R - 1, 0, 1), (0, 0, 1.1 * R), (0, 1, 1), (0, 1, 1 + 2.2 * R)]
+    far, near = (
+        dem.Plane((-2, 0, 0), (1, 0, 0), GEL),
+        dem.Plane((-1 - 0.2 * R, 0, 0), (1, 0, 0), GEL),
+    )
+    ground = dem.Substrate(GEL, exchange="none")
+    setup = scene(place, R, GEL, law=law(), boundaries=[far, near], substrate=ground)
+    sim = dem.Simulation(setup, dt=5e-5, max_overlap=0.2)
+    for sphere, way, name in (
+        (0, (-1, 0, 0), "sphere 0 overlaps boundary 1 by"),
+        (1, (0, 0, -1), "sphere 1 overlaps the substrate by"),
+        (3, (0, 0, -1), "sphere 3 overlaps sphere 2 by"),
     ):
-        sim = dem.Simulation(scene([at], R, GEL, (0, 0, -6.0), law=law(), **ground))
-        stopped, _ = stop(sim, duration=0.01)
-        assert stopped.particle == 0 and f"sphere 0 overlaps {name}" in str(stopped)
+        velocity = np.zeros((4, 3))
+        velocity[sphere] = np.multiply(way, 1.5)
+        stopped, _ = stop(restart(sim, velocity=velocity), duration=0.02)
+        assert stopped.particle == sphere and name in str(stopped) and "limit 0.2" in str(stopped)
+    restart(sim, velocity=velocity / 10).run(duration=0.05)
+    assert sim.particles.velocity[2, 2] == pytest.approx(-0.15, rel=1e-3)
 
 
 def test_too_fast_a_sphere_stops_the_run():
@@ -163,23 +163,27 @@ def test_too_fast_a_sphere_stops_the_run():
 # -- warned ----------------------------------------------------------------------------------------
 
 
+@pytest.fixture(scope="module")
+def anything():
+    return dem.Simulation(scene([(0, 0, 0)], R, law=law()))
+
+
 def messages(caught):
     return [str(warning.message) for warning in caught if warning.category is RuntimeWarning]
 
 
-def test_a_step_beyond_the_stable_one_is_warned_of():
-    setup = scene([(0, 0, 0), (3 * R, 0, 0)], R, law=law())
-    stable = dem.Simulation(setup).dt
+def test_a_step_beyond_the_stable_one_is_warned_of(anything):
+    stable = anything.dt
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        assert dem.Simulation(setup, dt=0.9 * stable).warnings == {}
+        assert dem.Simulation(anything.scene, dt=0.99 * stable).warnings == {}
         assert messages(caught) == []
-        sim = dem.Simulation(setup, dt=1.1 * stable)
+        sim = dem.Simulation(anything.scene, dt=1.01 * stable)
         sim.run(steps=3)
     (message,) = messages(caught)
     assert sim.warnings == {"time_step": 1}
-    assert f"dt = {1.1 * stable:.3g} s" in message and f"{stable:.3g} s" in message
-    assert sim.dt == 1.1 * stable and "half period" in sim.dt_reason
+    assert f"dt = {1.01 * stable:.3g} s" in message and f"{stable:.3g} s" in message
+    assert sim.dt == 1.01 * stable and "half period" in sim.dt_reason
 
 
 def test_fast_and_wide_contacts_are_warned_of_once_and_counted():
@@ -211,11 +215,6 @@ def test_fast_and_wide_contacts_are_warned_of_once_and_counted():
 # -- refused ---------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def anything():
-    return scene([(0, 0, 0)], R, law=law())
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -230,13 +229,13 @@ def anything():
 )
 def test_bad_arguments_of_a_simulation_are_refused(anything, arguments, words):
     with pytest.raises(dem.InputError) as caught:
-        dem.Simulation(anything, **arguments)
+        dem.Simulation(anything.scene, **arguments)
     assert words in str(caught.value)
 
 
 def test_all_bad_arguments_are_named_at_once(anything):
     with pytest.raises(dem.InputError) as caught:
-        dem.Simulation(anything, dt=-1, driver="gpu", max_overlap=-1)
+        dem.Simulation(anything.scene, dt=-1, driver="gpu", max_overlap=-1)
     for name in ("dt", "driver", "max_overlap"):
         assert name in str(caught.value)
 

@@ -48,7 +48,7 @@ def _one_size(count: int, options: argparse.Namespace) -> list[Figure]:
     codes: list[_Ours | _Peer] = [here, *others]
     for code in codes:
         code.speed(int(0.3 * GUESS * options.seconds / count) + 1)
-    steps = [int(code.last * options.seconds / count) + 1 for code in codes]
+    steps = [int(max(code.last, GUESS) * options.seconds / count) + 1 for code in codes]
     turns, disturbed = [], []
     for _ in range(options.rounds):
         turn, others = undisturbed(
@@ -62,8 +62,9 @@ def _one_size(count: int, options: argparse.Namespace) -> list[Figure]:
     for code, n, figure in zip(codes, steps, figures, strict=False):
         contacts, energy = code.state()
         print(
-            f"{count:7d} {code.name:9s} {figure.value:.4g} M/s, {n} steps a turn, {code.how()}: {contacts:.0f} contacts "
-            f"of spheres, coordination {2 * contacts / count:.4f}, kinetic energy {energy:.3g} J"
+            f"{count:7d} {code.name:9s} {figure.value:.4g} M/s, {n} steps a turn, {code.how()}: "
+            f"{contacts:.0f} contacts of spheres, coordination {2 * contacts / count:.4f}, "
+            f"kinetic energy {energy:.3g} J"
         )
     return figures
 

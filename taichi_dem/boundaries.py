@@ -30,6 +30,7 @@ Motion = ti.types.struct(
     rows=ti.i32,
     final_speed=real,
     moves=ti.i32,
+    approach=real,  # share of the travel that goes along a face's normal: none on a conveyor
     enrolled=real,  # the travel at which the contact list was built
 )
 
@@ -120,12 +121,17 @@ class Boundaries:
                 "rows": len(travel.table),
                 "final_speed": travel.final_speed,
                 "moves": int(travel.moves),
+                "approach": self._approach(b),
                 "enrolled": 0.0,
             }
         for f, (b, *_) in enumerate(self._faces):
             self.face[f].velocity = np.multiply(
                 self._initial_speed(self._travels[b]), self._travels[b].direction
             )
+
+    def _approach(self, b: int) -> float:
+        direction = np.array(self._travels[b].direction)
+        return max(abs(float(normal @ direction)) for owner, _, normal in self._faces if owner == b)
 
     def normals(self) -> np.ndarray:
         """The faces' normals, (faces, 3)."""
@@ -243,7 +249,8 @@ class Boundaries:
                     travel = self.prescribed_travel(b, time)
                     self.motion[b].speed = (travel - motion.travel) / time_step
                 self.motion[b].travel = travel
-                farthest = ti.max(farthest, ti.abs(travel - motion.enrolled))
+                gone = motion.approach * ti.abs(travel - motion.enrolled)
+                farthest = ti.max(farthest, gone)
         for f in range(self.face_count):
             b = self.face[f].boundary
             if self.motion[b].moves != 0:

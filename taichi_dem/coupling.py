@@ -83,16 +83,15 @@ class CoupledSolve:
         scale = 1.0 / (self.compliance[None] * self.compliance[None])
         for k in range(n):
             slope = vec2(0.0)
-            if self.force[k] != 0.0:
-                for j in range(n):
-                    if self.force[j] != 0.0:
-                        weight = self.influence[k, j]
-                        slope += (
-                            self.force[j]
-                            * scale
-                            * (weight * weight * weight)
-                            * (self.position[k] - self.position[j])
-                        )
+            for j in range(n):
+                if self.force[j] != 0.0:
+                    weight = self.influence[k, j]
+                    slope += (
+                        self.force[j]
+                        * scale
+                        * (weight * weight * weight)
+                        * (self.position[k] - self.position[j])
+                    )
             self.slope[k] = slope
 
     @ti.func
@@ -138,8 +137,9 @@ class CoupledSolve:
                 self.effective[k] = reached  # open, and stays open: solved outright
             self.defect[k] = self.effective[k] - reached
             error = ti.max(self.effective[k], 0.0) - ti.max(reached, 0.0)
-            if not (ti.abs(error) <= largest):  # not-a-number is carried on, not passed over
-                largest = ti.abs(error)
+            if not (ti.abs(self.defect[k]) < math.inf):  # not-a-number must not pass for solved
+                error = math.inf
+            largest = ti.max(largest, ti.abs(error))
         return largest
 
     @ti.func

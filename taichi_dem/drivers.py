@@ -33,6 +33,8 @@ class Drivers:
         self.moves = boundaries.any_moves
 
     # -- the parts of a step ---------------------------------------------------------------------
+    # (A loop at the root of a kernel runs in parallel, also one that comes from a function: what
+    # must be serial stands inside something else.)
 
     @ti.func
     def surface(self):
@@ -92,8 +94,10 @@ class Drivers:
         self.surface()
         for p in range(self.contacts.start[self.particles.count]):
             self.forces.evaluate(p, self.control.time_step[None])
-        self.settle_boundaries()
-        self.carry_boundaries()
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.settle_boundaries()
+            self.carry_boundaries()
         for i in range(self.particles.count):
             self.move(i)
         return self.control.calls_host()
@@ -115,7 +119,9 @@ class Drivers:
             load = self.particles.load[i]
             self.verlet.kick(i, load.force, load.torque, time_step)
             self.verlet.drift(i, time_step)
-        self.carry_boundaries()
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.carry_boundaries()
 
     @ti.kernel
     def evaluate(self, time_step: ti.f64):
@@ -132,7 +138,9 @@ class Drivers:
     @ti.kernel
     def finish(self):
         """Second half kick, with the forces of the present state."""
-        self.settle_boundaries()
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.settle_boundaries()
         for i in range(self.particles.count):
             load = self.particles.load[i]
             self.verlet.kick(i, load.force, load.torque, self.control.time_step[None])

@@ -20,7 +20,7 @@ class Energy:
         self.boundaries = boundaries
 
     def parts(self, gravity: np.ndarray, lost_before: float) -> dict[str, float]:
-        """J, by part; ``lost_before`` is what :meth:`take_loss` has taken so far."""
+        """J, by part; ``lost_before`` is what :meth:`loss` has taken so far."""
         sums = np.zeros(6)
         self._sum(sums, gravity)
         motion = [self.boundaries.motion[b] for b in range(self.boundaries.count)]
@@ -65,13 +65,14 @@ class Energy:
                 sums[5] += self.contacts.loss[p].energy
 
     @ti.kernel
-    def take_loss(self) -> ti.f64:
-        """What has gone into the contacts' dashpots and friction, taken off them before the list
-        is made anew."""
+    def loss(self, take: ti.i32) -> ti.f64:
+        """What has gone into the contacts' dashpots and friction; to ``take`` it off them is for
+        when the list is made anew."""
         total = ti.cast(0.0, ti.f64)
         ti.loop_config(serialize=True)
         for p in range(self.contacts.start[self.particles.count]):
             if ti.static(self.contacts.dissipates):
                 total += self.contacts.loss[p].energy
-                self.contacts.loss[p].energy = 0.0
+                if take != 0:
+                    self.contacts.loss[p].energy = 0.0
         return total

@@ -34,7 +34,8 @@ REORDER_EVERY = 8  # rebuilds
 class Engine:
     """Owns the fields of ``scene`` and moves them on by whole steps of ``time_step`` (s).
 
-    Raises ``SimulationStopped`` when a guard finds nonsense, with the last good state restored.
+    Raises ``SimulationStopped`` when a guard finds nonsense, after going back to where the spheres
+    and boundaries last were in good order; what the contacts remembered of friction is lost.
     """
 
     def __init__(
@@ -121,6 +122,8 @@ class Engine:
     def _answer(self) -> None:
         """Do what the kernels called the host for."""
         reasons = self.control.reasons()
+        if reasons & (1 << TOO_DEEP | 1 << UNSOLVED):
+            self._stop_at_nonsense()  # which may be behind either
         if reasons & 1 << TOO_DEEP:
             records = self.records()
             row, why = guards.describe_deepest(
@@ -140,6 +143,11 @@ class Engine:
         row = guards.first_offender(self.particles, self.time_step)
         if row >= 0:
             self._stop(guards.describe_offender(self.particles, row, self.time_step), row)
+        if self.boundaries.any_moves:
+            speeds = self.boundaries.read()[:, 1]
+            limit = guards.FARTHEST_STEP * self.scene.spheres.radius.min() / self.time_step
+            for b in np.flatnonzero(~(np.abs(speeds) < limit)):
+                self._stop(guards.describe_boundary(b, speeds[b], limit), None)
 
     def _stop(self, why: str, row: int | None) -> None:
         when = self.step * self.time_step
@@ -148,6 +156,9 @@ class Engine:
         self.boundaries.write(good["motion"])
         self.control.step[None] = good["step"]
         self.control.flags.fill(0)
+        if self.exchange is not None:
+            self.exchange.forget()
+        self.skin.start_again(good["step"])
         self.rebuild(remember=False)
         self.lost = good["lost"]
         self._solve_on_host()
@@ -163,7 +174,7 @@ class Engine:
             "velocity": state["velocity"],
             "omega": state["omega"],
             "motion": self.boundaries.read(),
-            "lost": self.lost,
+            "lost": self.lost + self.energy.loss(False),
         }
 
     # -- lists -----------------------------------------------------------------------------------
@@ -174,7 +185,7 @@ class Engine:
             self._stop_at_nonsense()
         if self.skin.rebuilt(self.step):
             self.grid.cell_size[None] = self._set_skin()
-        self.lost += self.energy.take_loss()
+        self.lost += self.energy.loss(True)
         self.neighbors.save(remember)
         self.grid.sort()
         if self.particles.count > REORDER_ABOVE and self.rebuilds % REORDER_EVERY == 0:

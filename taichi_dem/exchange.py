@@ -117,6 +117,10 @@ class Exchange:
         self.solver.count[None] = ti.min(number, self.solver.capacity)
         return number
 
+    def forget(self) -> None:
+        """Start without a past, as for a state that no step has led to."""
+        self.ground.fill(0)
+
     def counts(self) -> tuple[int, int]:
         """Impacts too fast and contacts too wide for the half-space, so far."""
         return int(self.fast_impacts[None]), int(self.wide_contacts[None])
@@ -149,9 +153,10 @@ class Exchange:
         position, overlap, expected, before = np.empty((n, 2)), *np.empty((3, n))
         self._send(n, position, overlap, expected, before)
         if self.lagged:
-            displacement, slope = self.halfspace.displacement(position, before)
-            effective = overlap - displacement
+            plan = self.halfspace.plan(position)
+            effective = overlap - plan.apply(before)
             force = self._host_law(effective)[0]
+            slope = plan.slope(force)
         else:
             try:
                 result = halfspace.solve(

@@ -14,6 +14,8 @@ FARTHEST_STEP = 0.25  # of its radius that a sphere may move in one step
 class SimulationStopped(RuntimeError):
     """The run was stopped; what was computed before is kept.
 
+    The simulation goes back to ``last_good``, but its contacts have forgotten their friction.
+
     ``last_good`` holds time, step, position, velocity and omega of the last state that was known
     to be sound; ``particle`` is the sphere that gave the reason, or None.
     """
@@ -50,6 +52,15 @@ def describe_offender(particles: Particles, row: int, time_step: float) -> str:
         f"sphere {row} at {_point(position)} m moves {np.linalg.norm(velocity) * time_step:.3g} m "
         f"in one step at {np.linalg.norm(velocity):.3g} m/s, more than {FARTHEST_STEP:g} of its "
         "radius: it could pass through others. Try a smaller time step"
+    )
+
+
+def describe_boundary(b: int, speed: float, limit: float) -> str:
+    """Why boundary ``b`` at ``speed`` (m/s) stops the run."""
+    return (
+        f"boundary {b} moves at {speed:.3g} m/s, more than {FARTHEST_STEP:g} of the smallest radius "
+        f"in one step ({limit:.3g} m/s): it could pass through spheres. Try a smaller time step or, "
+        "under a load, a heavier plate"
     )
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-import sys
 import time
 from importlib import metadata
 from pathlib import Path
@@ -190,7 +189,6 @@ class Summary:
         steps = sim.steps - self._first_step
         spheres = len(sim.particles.radius)
         summary = {
-            "outcome": _outcome(),
             "simulated_time_s": sim.time,
             "steps": sim.steps,
             "steps_this_run": steps,
@@ -208,15 +206,6 @@ class Summary:
             summary.update(sim.summary())
         summary.update(fixed)
         write_text(self.folder / SUMMARY, json.dumps(_plain(summary), indent=2) + "\n")
-
-
-def _outcome() -> str:
-    error = sys.exc_info()[1]
-    if error is None:
-        return "finished"
-    if isinstance(error, KeyboardInterrupt):
-        return "interrupted"
-    return f"stopped: {error or type(error).__name__}"
 
 
 def _version() -> str:

@@ -8,6 +8,7 @@ import numpy as np
 SERIAL_BELOW = 2000  # particles: threads never pay
 PARALLEL_ABOVE = 200_000  # they always do
 TRIAL_STEPS = 20
+CALLS_PER_TRIAL = 300
 
 
 class Skin:
@@ -23,6 +24,10 @@ class Skin:
         cost = 4 + 3000 / len(radius)  # of a rebuild, in steps
         self._short, self._long = 8 * cost, 40 * cost
         self._built_at = 0
+
+    def start_again(self, step: int) -> None:
+        """The simulation went back to ``step``."""
+        self._built_at = step
 
     def rebuilt(self, step: int) -> bool:
         """Note a rebuild at ``step``; whether the width has changed."""
@@ -43,13 +48,17 @@ class Pace:
             self.driver = "serial"
         elif asked == "auto" and particles > PARALLEL_ABOVE:
             self.driver = "parallel"
-        self._trials = ["serial", "parallel"]
-        self._warm = ""
+        self._tries = self.driver == "auto"
+        self._trials = ["serial", "parallel"] if self._tries else []
+        self._warm, self._calls = "", 0
         self._cost: dict[str, float] = {}
 
     def advance(self, steps: int, ways: dict[str, Callable[[int], int]]) -> int:
         """Make at most ``steps`` steps; returns how many were made."""
-        if self.driver != "auto":
+        if not self._trials:
+            self._calls += 1
+            if self._tries and self._calls % CALLS_PER_TRIAL == 0:  # a bed may have settled
+                self._trials = ["serial", "parallel"]
             return ways[self.driver](steps)
         name = self._trials[0]
         if self._warm != name:  # compile it and warm the caches first

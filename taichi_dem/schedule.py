@@ -1,5 +1,6 @@
 """When a run looks up from its steps: outputs that are due, and the user's Ctrl-C."""
 
+import math
 import signal
 import threading
 from collections.abc import Iterator, Sequence
@@ -9,22 +10,24 @@ from taichi_dem.writing import Output
 
 
 class Schedule:
-    """The steps at which outputs are due: multiples of their interval, counted from step 0."""
+    """When outputs are due: the k-th time at the first step that reaches k times its interval."""
 
     def __init__(self, outputs: Sequence[Output], dt: float):
-        self._intervals = [
-            (output, max(1, round(output.every / dt)))
-            for output in outputs
-            if output.every is not None
-        ]
+        self._outputs = [(output, output.every / dt) for output in outputs if output.every]
 
     def steps_to_next(self, step: int, limit: int) -> int:
         """Steps until something is due, at most ``limit``."""
-        return min([limit, *(every - step % every for _, every in self._intervals)])
+        return min([limit, *(_next(step, every) - step for _, every in self._outputs)])
 
     def due(self, step: int) -> list[Output]:
         """The outputs to write at ``step``."""
-        return [output for output, every in self._intervals if step % every == 0]
+        return [output for output, every in self._outputs if _next(step - 1, every) == step]
+
+
+def _next(step: int, every: float) -> int:
+    """The first step after ``step`` that reaches a multiple of ``every`` steps."""
+    count = math.floor((step + 1e-9) / every) + 1
+    return max(step + 1, math.ceil(count * every - 1e-9))
 
 
 @contextmanager

@@ -1,8 +1,10 @@
 """A scene in motion, as a user runs it and looks at it."""
 
 import math
+import time
 import warnings
 from collections.abc import Sequence
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -20,7 +22,8 @@ from taichi_dem.validation import InputError, Problem, Range, number_problem, un
 from taichi_dem.views import BoundaryState, ParticleState, SubstrateState
 from taichi_dem.writing import Output
 
-STEPS_PER_CHUNK = 5e6  # particle-steps between two looks at the world outside
+SECONDS_PER_CHUNK = 0.3  # between two looks at the world outside; no result depends on it
+FIRST_CHUNK = 50  # steps
 DRIVERS = ("auto", "serial", "parallel")
 
 FAST_WARNING = (
@@ -63,14 +66,17 @@ class Simulation:
         self.scene, self.steps = scene, 0
         self.warnings: dict[str, int] = {}
         self._memo: dict[str, Any] = {}
-        self._outcome = "not run yet"
+        self._outcome, self._chunk = "not run yet", FIRST_CHUNK
         coefficients = {
             slot: Coefficients(scene.law, slot, scene.materials) for slot in scene.law.parts()
         }
         stable = stable_time_step(scene, coefficients["normal"])
         self.dt, self.dt_reason = self._choose_step(dt, stable)
         self._ground = ground_of(scene.substrate) if scene.substrate else None
-        self._engine = Engine(scene, coefficients, self.dt, driver, max_overlap)
+        try:
+            self._engine = Engine(scene, coefficients, self.dt, driver, max_overlap)
+        except SimulationStopped as stop:
+            raise InputError([Problem("spheres.position", None, str(stop))]) from None
         self._first_energy = _total(self._energy_parts())
 
     # -- running ---------------------------------------------------------------------------------
@@ -93,7 +99,6 @@ class Simulation:
         """
         last = self.steps + _steps_asked(duration, steps, self.dt)
         schedule = Schedule(outputs, self.dt)
-        chunk = max(1, int(STEPS_PER_CHUNK / self.scene.spheres.count))
         self._outcome = "running"
         with interruptible() as asked_to_stop:
             try:
@@ -102,26 +107,33 @@ class Simulation:
                 for output in schedule.due(self.steps):
                     output.write(self)
                 while self.steps < last and not asked_to_stop.is_set():
-                    limit = min(chunk, last - self.steps)
+                    limit = min(self._chunk, last - self.steps)
                     self._advance(schedule.steps_to_next(self.steps, limit))
                     for output in schedule.due(self.steps):
                         output.write(self)
                 self._outcome = "interrupted" if asked_to_stop.is_set() else "finished"
-            except SimulationStopped as stop:
-                self._outcome = f"stopped: {stop}"
+            except KeyboardInterrupt:
+                self._outcome = "interrupted"
+                raise
+            except BaseException as error:
+                self._outcome = f"stopped: {error or type(error).__name__}"
                 raise
             finally:
-                for output in outputs:
-                    output.finish(self)
+                with ExitStack() as all_of_them:  # one that fails does not keep back the others
+                    for output in reversed(outputs):
+                        all_of_them.callback(output.finish, self)
         if self._outcome == "interrupted":
             raise KeyboardInterrupt
 
     def _advance(self, steps: int) -> None:
         self._memo.clear()
+        start = time.perf_counter()
         try:
             self._engine.advance(steps)
         finally:  # a stop goes back to the last good state
             self.steps = self._engine.step
+        per_step = (time.perf_counter() - start) / steps
+        self._chunk = max(1, int(SECONDS_PER_CHUNK / per_step))
         self._watch()
 
     def _choose_step(self, dt: float | None, stable: StableStep) -> tuple[float, str]:
@@ -241,16 +253,20 @@ class Simulation:
 
 
 def _total(parts: dict[str, float]) -> float:
-    return sum(parts.values()) - 2 * parts["external_work"]
+    """What there is and what was lost, less what was put in."""
+    return (
+        sum(value for part, value in parts.items() if part != "external_work")
+        - parts["external_work"]
+    )
 
 
 def _steps_asked(duration: float | None, steps: int | None, dt: float) -> int:
     if (duration is None) == (steps is None):
         raise InputError([Problem("duration", None, "give either duration (s) or steps")])
     if steps is not None:
-        if isinstance(steps, bool) or not isinstance(steps, int) or steps < 0:
+        if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or steps < 0:
             raise InputError([Problem("steps", steps, "must be a whole number >= 0")])
-        return steps
+        return int(steps)
     if problem := number_problem("duration", duration, Range("s", "simulated time", at_least=0)):
         raise InputError([problem])
     assert duration is not None

@@ -20,7 +20,6 @@ STEPS_PER_CONTACT = 20
 LONGEST_WAY = 0.1  # of the smallest radius, in one step at the speed to be expected
 LEAST_OVERLAP = 0.02  # of the effective radius
 MOST_OVERLAP = 0.3
-UNSTABLE = 2 / math.pi * STEPS_PER_CONTACT  # stable steps at which a lone contact's Verlet diverges
 
 
 @dataclass(frozen=True)
@@ -33,7 +32,8 @@ class StableStep:
 
 @dataclass(frozen=True)
 class _Smallest:
-    """The smallest sphere of one material, or a wall: infinite radius and mass."""
+    """The smallest sphere of one material, or a wall: infinite radius and, unless it moves freely
+    under a load, infinite mass."""
 
     name: str
     material: Material
@@ -47,12 +47,11 @@ def stable_time_step(scene: Scene, normal: Any) -> StableStep:
     speed = expected_speed(scene)
     bodies = [_smallest(scene, index) for index in range(len(scene.spheres.materials))]
     walls = [
-        _Smallest(name, material, 0.0, 0.0)
-        for name, material in [
-            *((f"boundary {b}", wall.material) for b, wall in enumerate(scene.boundaries)),
-            *([("the substrate", scene.substrate.material)] if scene.substrate else []),
-        ]
+        _Smallest(f"boundary {b}", wall.material, 0.0, _inverse_mass(wall, scene.spheres.count))
+        for b, wall in enumerate(scene.boundaries)
     ]
+    if scene.substrate:
+        walls.append(_Smallest("the substrate", scene.substrate.material, 0.0, 0.0))
     law = scene.law.normal
     candidates = [
         _of_contact(law, normal.between(a.material, b.material), a, b, speed)
@@ -68,29 +67,44 @@ def stable_time_step(scene: Scene, normal: Any) -> StableStep:
 
 def expected_speed(scene: Scene) -> float:
     """The closing speed (m/s) that the scene's own motion and height can lead to."""
-    spheres = scene.spheres
-    own = float(np.linalg.norm(spheres.velocity, axis=1).max())
+    own = float(np.linalg.norm(scene.spheres.velocity, axis=1).max())
     gravity = float(np.linalg.norm(scene.gravity))
-    fall = 0.0
-    if gravity > 0:
-        heights = spheres.position @ (np.array(scene.gravity) / gravity)
-        floor = float(heights.max())
-        if scene.substrate is not None:
-            floor = max(floor, 0.0)
-        fall = math.sqrt(2 * gravity * (floor - float(heights.min())))
+    fall = math.sqrt(2 * gravity * _fall_height(scene)) if gravity > 0 else 0.0
     walls = max((_wall_speed(wall) for wall in scene.boundaries), default=0.0)
     return 2 * own + fall + walls
 
 
+def _fall_height(scene: Scene) -> float:
+    """How far (m) the sphere with the longest way can fall: to a wall below it, or else as deep as
+    the lowest sphere."""
+    down = np.array(scene.gravity) / np.linalg.norm(scene.gravity)
+    depth = scene.spheres.position @ down
+    way = np.full(scene.spheres.count, np.inf)
+    walls = (*scene.boundaries, *([scene.substrate] if scene.substrate else []))
+    for point, normal in (face for wall in walls for face in wall.faces()):
+        if (steepness := float(-normal @ down)) > 0:
+            way = np.minimum(way, (scene.spheres.position - point) @ normal / steepness)
+    return float(np.where(np.isfinite(way), way, depth.max() - depth).max())
+
+
 def _wall_speed(wall: Any) -> float:
+    """The fastest that a wall moves along its normal, m/s."""
     velocity = getattr(wall, "velocity", None)
+    if np.ndim(velocity) == 1:
+        return max(abs(float(np.dot(velocity, normal))) for _, normal in wall.faces())
     if velocity is not None:
-        return float(np.linalg.norm(velocity))
+        return abs(float(velocity))
     program = getattr(wall, "program", None)
     if program:
         rows = np.array([(0.0, 0.0), *(row for row in program if row[0] > 0)])
         return float(np.abs(np.diff(rows[:, 1]) / np.diff(rows[:, 0])).max(initial=0.0))
     return 0.0
+
+
+def _inverse_mass(wall: Any, spheres: int) -> float:
+    """What a plate under load adds to 1/m*: a layer of the spheres may push it all at once."""
+    mass = getattr(wall, "mass", None)
+    return math.ceil(spheres ** (2 / 3)) / mass if mass else 0.0
 
 
 def _smallest(scene: Scene, index: int) -> _Smallest:

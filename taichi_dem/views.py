@@ -43,8 +43,9 @@ class BoundaryState:
 class SubstrateState:
     """The contacts with the substrate at one moment.
 
-    particle (m,); position (m, 2) m; force (m,) elastic, N, pressing down; expansion (m,) m, what
-    the surface under the contact has risen by the forces on the others; slope (m, 2), its gradient
+    particle (m,); position (m, 2) m; force (m,) elastic, N, pressing down (all of the normal force
+    where contacts are not coupled); expansion (m,) m, what the surface under the contact has risen
+    by the forces on the others; slope (m, 2), its gradient
     (the lateral force on the sphere is -force * slope); contact_radius (m,) m.
     """
 
@@ -62,9 +63,6 @@ class SubstrateState:
         if not len(self.force):
             return np.zeros(len(points))
         return self.ground.field(self.position, self.force, points, radius=self.contact_radius)
-
-
-_COLUMNS = ("i", "j", "overlap", "force", "history")
 
 
 @ti.kernel

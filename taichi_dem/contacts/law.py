@@ -66,6 +66,10 @@ class Law:
             return
         if names != names[::-1] and names[::-1] in self.pairs and names > names[::-1]:
             yield Problem(path, names, "is given twice, in both orders")
+        if not isinstance(laws, Mapping):
+            rule = 'must map slots to laws, {"normal": ...} or {"tangential": ...}'
+            yield Problem(path, laws, rule)
+            return
         for slot, law in laws.items():
             general = getattr(self, slot, None) if slot in LAWS else None
             if general is None:

@@ -5,8 +5,7 @@
 The force itself is the history, so that it stays right when the contact radius changes: a load
 that grows stiffens the contact for what follows, a load that falls releases tangential force in
 proportion to k_t (without this, energy would be made from nothing).  The force turns with the
-contact: it follows the normal, and spins with the two bodies about it.  It is stored as a length
-and direction in the tangent plane, and sliding caps it at mu F_n.
+contact: it follows the normal, keeping its length, and spins with the two bodies about it.
 Sources: R. D. Mindlin, J. Appl. Mech. 16 (1949) 259; C. Thornton, S. J. Cummins and P. W. Cleary,
 Powder Technology 233 (2013) 30, for release on unloading.
 """

@@ -17,7 +17,13 @@ from taichi_dem.shapes import Box, Piston, Plane
 from taichi_dem.types import real, ti, vec3
 
 Face = ti.types.struct(
-    origin=vec3, point=vec3, normal=vec3, velocity=vec3, material=ti.i32, boundary=ti.i32
+    origin=vec3,
+    point=vec3,
+    normal=vec3,
+    velocity=vec3,
+    inverse_mass=real,  # of a plate that moves freely under a load; zero elsewhere
+    material=ti.i32,
+    boundary=ti.i32,
 )
 Motion = ti.types.struct(
     direction=vec3,
@@ -103,6 +109,7 @@ class Boundaries:
                 "point": point,
                 "normal": normal,
                 "velocity": np.zeros(3),
+                "inverse_mass": self._travels[b].inverse_mass,
                 "material": material_index[self._scene.boundaries[b].material],
                 "boundary": b,
             }

@@ -147,7 +147,7 @@ class Engine:
             speeds = self.boundaries.read()[:, 1]
             limit = guards.FARTHEST_STEP * self.scene.spheres.radius.min() / self.time_step
             for b in np.flatnonzero(~(np.abs(speeds) < limit)):
-                self._stop(guards.describe_boundary(b, speeds[b], limit), None)
+                self._stop(guards.describe_boundary(int(b), speeds[b], limit), None)
 
     def _stop(self, why: str, row: int | None) -> None:
         when = self.step * self.time_step

@@ -10,14 +10,13 @@ import math
 import numpy as np
 
 import halfspace
-from halfspace.backend import PRECISION
 from taichi_dem.contact_list import SUBSTRATE, ContactList
 from taichi_dem.contacts.contact import at_rest
 from taichi_dem.control import UNSOLVED, Control
 from taichi_dem.coupling import CoupledSolve
 from taichi_dem.particles import Particles
 from taichi_dem.scene import Substrate
-from taichi_dem.types import real, ti, vec2, vec3
+from taichi_dem.types import PRECISION, real, ti, vec2, vec3
 
 IN_KERNEL_CONTACTS = 1024  # their influence matrix takes 8 MB
 ROUND_OFF = 1e-14 if PRECISION == "double" else 1e-5  # no residual can be asked to be smaller

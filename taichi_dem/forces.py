@@ -111,6 +111,7 @@ class Forces:
                     normal = wall.normal
                     overlap = body.radius - (body.position - wall.point).dot(normal)
                     velocity -= wall.velocity
+                    mass = 1.0 / (body.inverse_mass + wall.inverse_mass)
                     material = wall.material
 
         if overlap > 0.0 or touched:

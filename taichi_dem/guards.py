@@ -58,9 +58,9 @@ def describe_offender(particles: Particles, row: int, time_step: float) -> str:
 def describe_boundary(b: int, speed: float, limit: float) -> str:
     """Why boundary ``b`` at ``speed`` (m/s) stops the run."""
     return (
-        f"boundary {b} moves at {speed:.3g} m/s, more than {FARTHEST_STEP:g} of the smallest radius "
-        f"in one step ({limit:.3g} m/s): it could pass through spheres. Try a smaller time step or, "
-        "under a load, a heavier plate"
+        f"boundary {b} moves at {speed:.3g} m/s, more than {FARTHEST_STEP:g} of the smallest "
+        f"radius in one step ({limit:.3g} m/s): it could pass through spheres. Try a smaller time "
+        "step or, under a load, a heavier plate"
     )
 
 

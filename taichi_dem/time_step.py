@@ -80,7 +80,7 @@ def _fall_height(scene: Scene) -> float:
     down = np.array(scene.gravity) / np.linalg.norm(scene.gravity)
     depth = scene.spheres.position @ down
     way = np.full(scene.spheres.count, np.inf)
-    walls = (*scene.boundaries, *([scene.substrate] if scene.substrate else []))
+    walls: list[Any] = [*scene.boundaries, *([scene.substrate] if scene.substrate else [])]
     for point, normal in (face for wall in walls for face in wall.faces()):
         if (steepness := float(-normal @ down)) > 0:
             way = np.minimum(way, (scene.spheres.position - point) @ normal / steepness)
@@ -89,8 +89,8 @@ def _fall_height(scene: Scene) -> float:
 
 def _wall_speed(wall: Any) -> float:
     """The fastest that a wall moves along its normal, m/s."""
-    velocity = getattr(wall, "velocity", None)
-    if np.ndim(velocity) == 1:
+    velocity: Any = getattr(wall, "velocity", None)
+    if isinstance(velocity, tuple):
         return max(abs(float(np.dot(velocity, normal))) for _, normal in wall.faces())
     if velocity is not None:
         return abs(float(velocity))

@@ -144,6 +144,9 @@ class FakeSimulation:
         height = float(mass @ self.particles.position[:, 2])
         return {"kinetic": kinetic, "gravity": 9.81 * height, "balance_error": 1e-9 * kinetic}
 
+    def summary(self):
+        return {"outcome": "finished"}
+
     def coordination(self):
         return 2 * len(self.contacts()) / max(1, len(self.particles.radius))
 

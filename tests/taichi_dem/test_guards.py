@@ -1,5 +1,6 @@
 """What stops a run, what it says, and what it leaves; what it warns of, and how often."""
 
+import json
 import warnings
 from types import SimpleNamespace
 
@@ -132,10 +133,11 @@ def test_the_limit_of_overlaps_is_the_users_for_spheres_walls_and_substrate():
     assert sim.particles.velocity[2, 2] == pytest.approx(-0.15, rel=1e-3)
 
 
-def test_too_fast_a_sphere_stops_the_run():
+def test_too_fast_a_sphere_stops_the_run(monkeypatch):
     """Free fall to a speed at which a quarter of the radius goes by in one step.  What was there
     before can be looked at, and goes on."""
     place = [(0, 0, 0), (0.3, 0, 0)]
+    monkeypatch.setattr("taichi_dem.simulation.SECONDS_PER_CHUNK", 1e9)  # one piece: no later state
     setup = scene(place, [R, 10 * R], law=law(0.5, 0.3), gravity=(0, 0, -1e3))
     sim = dem.Simulation(setup, dt=1e-5)
     sim.run(steps=100)
@@ -270,3 +272,63 @@ def test_a_run_of_nothing_does_nothing_and_a_duration_is_whole_steps(meeting):
     assert meeting.steps == 3
     meeting.run(duration=0.126)
     assert meeting.steps == 5
+
+
+# -- outputs that fail -----------------------------------------------------------------------------
+
+
+class Failing:
+    """An output that raises ``error`` at the first write that is not at the start."""
+
+    every = 1e-9
+
+    def __init__(self, error):
+        self.error = error
+
+    def start(self, sim):
+        pass
+
+    def write(self, sim):
+        if sim.steps > 0:
+            raise self.error
+
+    def finish(self, sim):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("error", "outcome"),
+    [(OSError("disk full"), "stopped: disk full"), (KeyboardInterrupt(), "interrupted")],
+)
+def test_whatever_ends_a_run_is_its_outcome(tmp_path, error, outcome):
+    sim = dem.Simulation(scene([(0, 0, 0)], R, law=law()))
+    with pytest.raises(type(error)):
+        sim.run(steps=10, outputs=[dem.Summary(tmp_path), Failing(error)])
+    assert json.loads((tmp_path / "summary.json").read_text())["outcome"] == outcome
+
+
+def test_a_light_plate_under_load_is_followed_or_refused():
+    """The plate swings with its own mass: the automatic step must follow it."""
+    beads = [(0, 0, R), (3 * R, 0, R)]
+    floor = dem.Plane((0, 0, 0), (0, 0, 1), GLASS)
+    plate = dem.Piston((0, 0, 2.05 * R), (0, 0, -1), GLASS, load=1e-3, mass=1e-9)
+    sim = dem.Simulation(scene(beads, R, boundaries=[floor, plate], law=law(0.5)))
+    sim.run(steps=5000)
+    energy = sim.energy()
+    assert abs(energy["balance_error"]) < 0.05 * energy["external_work"]
+
+    heavy = dem.Piston((0, 0, 2.05 * R), (0, 0, -1), GLASS, load=1e-3, mass=1.0)
+    slow = dem.Simulation(scene(beads, R, boundaries=[floor, heavy], law=law(0.5)))
+    assert sim.dt < 0.1 * slow.dt
+
+
+def test_the_fall_to_a_wall_counts_in_the_time_step():
+    floor = dem.Plane((0, 0, 0), (0, 0, 1), GLASS)
+    near = dem.Simulation(
+        scene([(0, 0, 2 * R)], R, boundaries=[floor], law=law(), gravity=(0, 0, -10))
+    )
+    far = dem.Simulation(
+        scene([(0, 0, 10.0)], R, boundaries=[floor], law=law(), gravity=(0, 0, -10))
+    )
+    assert far.dt < near.dt
+    assert "14 m/s" in far.dt_reason  # sqrt(2 g h)

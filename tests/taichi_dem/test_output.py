@@ -402,21 +402,6 @@ def test_summary_counts_the_speed_of_this_run_only(sim, tmp_path):
     assert summary_of(tmp_path)["steps_this_run"] == 10
 
 
-@pytest.mark.parametrize(
-    ("error", "outcome"),
-    [(KeyboardInterrupt(), "interrupted"), (RuntimeError("overflow"), "stopped: overflow")],
-)
-def test_summary_knows_why_the_run_broke_off(sim, tmp_path, error, outcome):
-    summary = Summary(tmp_path)
-    with pytest.raises(type(error)):
-        try:
-            summary.start(sim)
-            raise error
-        finally:
-            summary.finish(sim)
-    assert summary_of(tmp_path)["outcome"] == outcome
-
-
 def test_summary_adds_what_the_simulation_says(sim, tmp_path):
     sim.summary = lambda: {"outcome": "stopped: settled", "rebuilds": np.int64(3)}
     sim.energy = lambda: {"kinetic": float("nan")}

@@ -58,7 +58,10 @@ class MeshSum:
         self._own = split.origin / grid.cutoff
         self._influence = grid.influence()
         rows, columns = grid.points
-        self._begin = np.empty(rows * -(-columns // kernels.BIN) + 2, np.int32)
+        # As high as the cutoff, in whole rows: two contacts that near begin at most so many apart.
+        self._bands = max(rows // int(np.ceil(grid.cutoff / grid.spacing[0])), 1)
+        self._begin = np.empty(self._bands * -(-columns // kernels.BIN) + 2, np.int32)
+        self._space = np.zeros(self._bands + 1)
         self._density = np.empty(grid.points)
         width, periodic = grid.accuracy.width, int(grid.period is not None)
         vector = kernels.vec2
@@ -80,10 +83,12 @@ class MeshSum:
             self._lay(self._make_grid(x))
             self._sort()
         grid = self.grid
+        self._site = np.empty((n, 2))
         self._node = np.empty((n, kernels.WEIGHTS + 2 * grid.accuracy.width))
         kernels.place(
-            x, self._order, self._node, self._polynomials, *self._place, *grid.points, *self._kind
-        )
+            x, self._order, self._site, self._node, self._polynomials,
+            *self._place, *grid.points, *self._kind,
+        )  # fmt: skip
         self._find_pairs()
 
     def _sort(self) -> int:
@@ -91,29 +96,29 @@ class MeshSum:
         return int(
             kernels.sort(
                 self.x, self._order, self._bins, self._begin,
-                *self._place, *self.grid.points, *self._kind,
+                *self._place, *self.grid.points, self._bands, *self._kind,
             )
         )  # fmt: skip
 
     def _find_pairs(self) -> None:
         grid, (width, periodic) = self.grid, self._kind
-        node, begin = self._node, self._begin
-        room = kernels.candidates(
-            node, begin, *self._place, *grid.points, grid.cutoff, *self._kind
-        )
-        if room > len(self._value):
-            size = int(SPARE * room)
+        site, node, begin = self._site, self._node, self._begin
+        reach = int(np.ceil(grid.cutoff / grid.spacing[1]) / kernels.BIN) + 2
+        kernels.room(begin, self._space, reach, grid.points[1], self._bands, periodic)
+        if self._space[-1] >= len(self._value):
+            size = int(SPARE * self._space[-1]) + 1
             self._value, self._index = np.empty(size), np.empty(size, np.int32)
         extent = float(np.ptp(self.x, axis=0).max(initial=0.0)) if len(self.x) else 0.0
         self._unresolved = (np.finfo(np.float64).eps * extent) ** 2
         coincident = kernels.pairs(
-            node, begin, self._value, self._index, self._short,
-            *self._place, self._period, *grid.points, grid.cutoff, self._unresolved,
+            site, node, begin, self._space, self._value, self._index, self._short,
+            *self._place, self._period, *grid.points, self._bands,
+            self._own, grid.cutoff, self._unresolved,
             width, len(self._short) - 1, periodic,
         )  # fmt: skip
         if coincident and self.radius is not None:
             kernels.concentric(
-                node, self._value, self._index, self.radius, self._order,
+                site, node, self._value, self._index, self.radius, self._order,
                 self._period, self._own, self._unresolved, periodic,
             )  # fmt: skip
 
@@ -134,7 +139,7 @@ class MeshSum:
         """Depression, as `apply`, and slope from the same sums."""
         grid, (width, periodic) = self.grid, self._kind
         kernels.gather_slope(
-            self._potential(f), self._load, self._node, self._value, self._index,
+            self._potential(f), self._load, self._site, self._node, self._value, self._index,
             self._polynomials, self._derivatives, self._short,
             *self._place, self._period, *grid.points, self._own, 1 / (np.pi * self.modulus),
             grid.cutoff, self._unresolved, width, len(self._short) - 1, periodic,
@@ -153,7 +158,7 @@ class MeshSum:
         np.take(f, self._order, out=self._load[0])
         kernels.spread(
             self._load, self._node, self._begin, self._density,
-            self.grid.points[1], *self._kind,
+            self.grid.points[1], self._bands, *self._kind,
         )  # fmt: skip
         return self._convolve(self._density)
 

@@ -1,14 +1,15 @@
 """The loops of the particle mesh, compiled: sorting, spreading, gathering, short range.
 
-Contacts are kept in the order of the grid rows that they touch first, and within a row in that of
-small groups of columns. So a row of the grid finds the contacts that reach it in a few contiguous
-stretches and adds them up itself, in that order: no two threads write to the same place, and the
-bits do not depend on their number. The same stretches serve the search for neighbours.
+Contacts are kept in the order of bands, some rows of the grid (those of the first row that they
+reach), and within a band in that of small groups of columns. So a band finds the contacts that
+reach it in one or two contiguous stretches and adds them up itself, in that order: no two threads
+write to the same place, and the bits do not depend on their number. A band is as high as the
+cutoff, so that all neighbours of a contact lie in three bands, in one stretch each.
 
-Every array passed to a kernel costs about 10 us, so there are few: `node` (n, 6 + 2 w) holds, per
-contact, its position, the first row and column of its window, the first of its pairs and their
-number, and the weights of its window in both dimensions; `load` (4, n) the force, and depression
-and slope as results.
+Every array passed to a kernel costs about 10 us, so there are few: `site` (n, 2) holds the positions
+in that order; `node` (n, 4 + 2 w) the first row and column of the window, the first pair and the
+number of pairs, and the weights of the window in both dimensions; `load` (4, n) the force, and
+depression and slope as results.
 """
 
 from .backend import start, ti
@@ -21,26 +22,32 @@ Integers = ti.types.ndarray(dtype=ti.i32, ndim=1)
 real, vec2 = ti.f64, ti.types.vector(2, ti.f64)
 
 BIN = 2  # grid columns in a group
-ROW, COLUMN, FIRST, COUNT, WEIGHTS = 2, 3, 4, 5, 6
+ROW, COLUMN, FIRST, COUNT, WEIGHTS = 0, 1, 2, 3, 4
 
 
 @ti.func
 def wrapped(i, size):
-    """A grid index, or a group of columns, in a periodic cell."""
+    """The number of a row, column, band or group in a periodic cell."""
     return ti.raw_mod(ti.raw_mod(i, size) + size, size)
+
+
+@ti.func
+def first_row(band, bands, rows):
+    """Where a band begins: row r belongs to the band `r bands // rows`."""
+    return ti.raw_div(band * rows + bands - 1, bands)
 
 
 @ti.kernel
 def sort(
     x: Table, order: Integers, bins: Integers, begin: Integers,
-    origin: vec2, spacing: vec2, rows: ti.i32, columns: ti.i32,
+    origin: vec2, spacing: vec2, rows: ti.i32, columns: ti.i32, bands: ti.i32,
     width: ti.template(), periodic: ti.template(),
 ) -> ti.i32:  # fmt: skip
-    """Sort the contacts by row and group of columns; returns how many are not on the grid.
+    """Sort the contacts by band and group of columns; returns how many are not on the grid.
 
     order (n,); bins (n,) scratch; begin (groups + 2,): where each group starts in `order`.
     """
-    groups = (columns + BIN - 1) // BIN
+    groups = ti.raw_div(columns + BIN - 1, BIN)
     outside = 0
     for i in range(x.shape[0]):
         row = ti.cast(ti.ceil((x[i, 0] - origin[0]) / spacing[0] - 0.5 * width), ti.i32)
@@ -50,7 +57,7 @@ def sort(
         elif row < 0 or row > rows - width or column < 0 or column > columns - width:
             outside += 1
             row, column = 0, 0
-        bins[i] = row * groups + column // BIN
+        bins[i] = ti.raw_div(row * bands, rows) * groups + ti.raw_div(column, BIN)
     for i in range(begin.shape[0]):
         begin[i] = 0
     ti.loop_config(serialize=True)
@@ -79,7 +86,7 @@ def weights(polynomials: ti.template(), v, width: ti.template()):
 
 @ti.kernel
 def place(
-    x: Table, order: Integers, node: Table, polynomials: Table,
+    x: Table, order: Integers, site: Table, node: Table, polynomials: Table,
     origin: vec2, spacing: vec2, rows: ti.i32, columns: ti.i32,
     width: ti.template(), periodic: ti.template(),
 ):  # fmt: skip
@@ -95,40 +102,47 @@ def place(
             if ti.static(periodic):
                 size = rows if axis == 0 else columns
                 first = wrapped(ti.cast(first, ti.i32), size)
-            node[k, axis] = position
+            site[k, axis] = position
             node[k, ROW + axis] = first
 
 
 @ti.kernel
 def spread(
     load: Table, node: Table, begin: Integers, grid: Table,
-    columns: ti.i32, width: ti.template(), periodic: ti.template(),
+    columns: ti.i32, bands: ti.i32, width: ti.template(), periodic: ti.template(),
 ):  # fmt: skip
-    """The forces on the grid, each row adding up the contacts that reach it."""
-    groups = (columns + BIN - 1) // BIN
-    for row in range(grid.shape[0]):
-        for c in range(grid.shape[1]):
-            grid[row, c] = 0.0
-        for a in range(width):
-            first = row - a
-            if ti.static(periodic):
-                first = wrapped(first, grid.shape[0])
-            if first >= 0:
-                for k in range(begin[first * groups], begin[(first + 1) * groups]):
-                    f = load[0, k] * node[k, WEIGHTS + a]
-                    c = ti.cast(node[k, COLUMN], ti.i32)
+    """The forces on the grid, each band adding up the contacts that reach it."""
+    rows = grid.shape[0]
+    groups = ti.raw_div(columns + BIN - 1, BIN)
+    for band in range(bands):
+        top, bottom = first_row(band, bands, rows), first_row(band + 1, bands, rows)
+        for row in range(top, bottom):
+            for c in range(grid.shape[1]):
+                grid[row, c] = 0.0
+        start = top - width + 1
+        for piece in ti.static(range(1 + periodic)):
+            # A window that begins below the periodic cell begins above it, too.
+            low, high, shift = 0, 0, 0
+            if ti.static(piece == 0):
+                low, high = ti.raw_div(ti.max(start, 0) * bands, rows), band + 1
+            elif start < 0:
+                low, high, shift = ti.raw_div((start + rows) * bands, rows), bands, rows
+            for k in range(begin[low * groups], begin[high * groups]):
+                row = ti.cast(node[k, ROW], ti.i32) - shift
+                c = ti.cast(node[k, COLUMN], ti.i32)
+                f = load[0, k]
+                u = ti.Vector([node[k, WEIGHTS + width + b] for b in ti.static(range(width))])
+                for r in range(ti.max(row, top), ti.min(row + width, bottom)):
+                    w = f * node[k, WEIGHTS + r - row]
                     if ti.static(periodic) and c + width > columns:
-                        for b in range(width):
-                            grid[row, wrapped(c + b, columns)] += f * node[k, WEIGHTS + width + b]
+                        for b in ti.static(range(width)):
+                            grid[r, wrapped(c + b, columns)] += w * u[b]
                     else:
                         # All loads before all stores: else the compiler must assume that one
-                        # array overlaps another, and handles one number at a time.
-                        w = ti.Vector(
-                            [node[k, WEIGHTS + width + b] for b in ti.static(range(width))]
-                        )
-                        held = ti.Vector([grid[row, c + b] for b in ti.static(range(width))])
+                        # overlaps another, and handles one number at a time.
+                        held = ti.Vector([grid[r, c + b] for b in ti.static(range(width))])
                         for b in ti.static(range(width)):
-                            grid[row, c + b] = held[b] + f * w[b]
+                            grid[r, c + b] = held[b] + w * u[b]
 
 
 @ti.func
@@ -171,17 +185,23 @@ def gather(
 
 
 @ti.func
-def difference(node: ti.template(), k, m, period, periodic: ti.template()):
+def difference(site: ti.template(), k, m, period, periodic: ti.template()):
     """From contact m to contact k, by the shortest way in a periodic cell."""
-    d = ti.Vector([node[k, 0] - node[m, 0], node[k, 1] - node[m, 1]])
+    d = ti.Vector([site[k, 0] - site[m, 0], site[k, 1] - site[m, 1]])
     if ti.static(periodic):
         d -= period * ti.round(d / period)
     return d
 
 
+@ti.func
+def distance_squared(site: ti.template(), k, m, period, periodic: ti.template()):
+    d = difference(site, k, m, period, periodic)
+    return d.dot(d)
+
+
 @ti.kernel
 def gather_slope(
-    grid: Table, load: Table, node: Table, value: Numbers, index: Integers,
+    grid: Table, load: Table, site: Table, node: Table, value: Numbers, index: Integers,
     polynomials: Table, derivatives: Table, short: Numbers,
     origin: vec2, spacing: vec2, period: vec2, rows: ti.i32, columns: ti.i32,
     own: ti.f64, scale: ti.f64, cutoff: ti.f64, unresolved: ti.f64,
@@ -193,7 +213,7 @@ def gather_slope(
         u = ti.Vector([node[k, WEIGHTS + width + a] for a in ti.static(range(width))])
         v = ti.Vector([ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)])
         for axis in ti.static(range(2)):
-            low = (node[k, axis] - origin[axis]) / spacing[axis] - 0.5 * width
+            low = (site[k, axis] - origin[axis]) / spacing[axis] - 0.5 * width
             v[axis] = 2.0 * (ti.ceil(low) - low) - 1.0
         dw = weights(derivatives, v[0], width)
         du = weights(derivatives, v[1], width)
@@ -212,7 +232,7 @@ def gather_slope(
             other = index[m]
             f = load[0, other]
             total += value[m] * f
-            d = difference(node, k, other, period, periodic)
+            d = difference(site, k, other, period, periodic)
             squared = d.dot(d)
             s = 2.0 * squared / cutoff**2 - 1.0
             rise = ti.cast(0.0, ti.f64)  # dP/dv, by Horner's rule
@@ -229,110 +249,132 @@ def gather_slope(
 
 @ti.func
 def stretch(
-    node: ti.template(), begin: ti.template(), k, step, piece, cutoff, origin, spacing,
-    rows, columns, width: ti.template(), periodic: ti.template(),
+    site: ti.template(), begin: ti.template(), k, step, piece, cutoff, origin, spacing,
+    rows, columns, bands, width: ti.template(), periodic: ti.template(),
 ):  # fmt: skip
-    """Where the possible neighbours of contact k are that start `step` rows on: [from, to).
+    """Where the possible neighbours of contact k are, `step` bands on: [from, to).
 
     Where the columns wrap around a periodic cell there is a second piece.
     """
-    groups = (columns + BIN - 1) // BIN
-    x0 = (node[k, 0] - origin[0]) / spacing[0] - 0.5 * width
-    x1 = (node[k, 1] - origin[1]) / spacing[1] - 0.5 * width
-    row = ti.cast(ti.ceil(x0), ti.i32) + step
-    gap = ti.max(row - 1 - x0, x0 - row, 0.0) * spacing[0]  # to the nearest contact there
+    groups = ti.raw_div(columns + BIN - 1, BIN)
+    x0 = (site[k, 0] - origin[0]) / spacing[0] - 0.5 * width
+    x1 = (site[k, 1] - origin[1]) / spacing[1] - 0.5 * width
+    if ti.static(periodic):
+        x0 -= rows * ti.floor(ti.ceil(x0) / rows)
+    band = ti.raw_div(ti.cast(ti.ceil(x0), ti.i32) * bands, rows) + step
+    turn = 0
+    if ti.static(periodic):
+        turn = ti.floor(band / bands, ti.i32)
+        band -= turn * bands
     low, high = 0, 0
-    if gap < cutoff:
-        chord = ti.sqrt(cutoff**2 - gap**2) / spacing[1]
-        first = ti.floor(ti.ceil(x1 - chord) / BIN, ti.i32)
-        last = ti.floor(ti.ceil(x1 + chord) / BIN, ti.i32)
-        if ti.static(periodic):
-            row = wrapped(row, rows)
-            shift = first - wrapped(first, groups)
-            first, last = first - shift, last - shift
-            if piece == 0:
-                last = ti.min(last, groups - 1)
+    if 0 <= band < bands:
+        x0 -= turn * rows
+        above = first_row(band, bands, rows) - 1 - x0
+        below = x0 - first_row(band + 1, bands, rows) + 1
+        gap = ti.max(above, below, 0.0) * spacing[0]  # to the nearest contact there
+        if gap < cutoff:
+            chord = ti.sqrt(cutoff**2 - gap**2) / spacing[1]
+            first = ti.floor(ti.ceil(x1 - chord) / BIN, ti.i32)
+            last = ti.floor(ti.ceil(x1 + chord) / BIN, ti.i32)
+            if ti.static(periodic):
+                turn = first - wrapped(first, groups)
+                first, last = first - turn, last - turn
+                if piece == 0:
+                    last = ti.min(last, groups - 1)
+                else:
+                    first, last = 0, last - groups
             else:
-                first, last = 0, last - groups
-        else:
-            first, last = ti.max(first, 0), ti.min(last, groups - 1)
-        if 0 <= row < rows and first <= last:
-            low, high = begin[row * groups + first], begin[row * groups + last + 1]
+                first, last = ti.max(first, 0), ti.min(last, groups - 1)
+            if first <= last:
+                low, high = begin[band * groups + first], begin[band * groups + last + 1]
     return low, high
 
 
 @ti.kernel
-def candidates(
-    node: Table, begin: Integers,
-    origin: vec2, spacing: vec2, rows: ti.i32, columns: ti.i32, cutoff: ti.f64,
-    width: ti.template(), periodic: ti.template(),
-) -> ti.f64:  # fmt: skip
-    """Room for the pairs of every contact, one after the other; returns the whole."""
-    reach = ti.cast(ti.ceil(cutoff / spacing[0]), ti.i32)
-    for k in range(node.shape[0]):
-        room = 0
-        for step in range(-reach, reach + 1):
-            for piece in range(1 + periodic):
-                low, high = stretch(
-                    node, begin, k, step, piece, cutoff, origin, spacing,
-                    rows, columns, width, periodic,
-                )  # fmt: skip
-                room += high - low
-        node[k, COUNT] = room
-    total = ti.cast(0.0, ti.f64)
+def room(
+    begin: Integers, space: Numbers, reach: ti.i32, columns: ti.i32, bands: ti.i32,
+    periodic: ti.template(),
+):  # fmt: skip
+    """Where each band may keep its pairs, one band after the other: space (bands + 1,).
+
+    A contact has at most as many as there are within `reach` groups of columns in three bands.
+    """
+    groups = ti.raw_div(columns + BIN - 1, BIN)
+    for band in range(bands):
+        most = ti.cast(0.0, ti.f64)
+        for step in range(-1, 2):
+            other = band + step
+            if ti.static(periodic):
+                other = wrapped(other, bands)
+            if 0 <= other < bands:
+                for g in range(groups):
+                    low, high = ti.max(g - reach, 0), ti.min(g + reach, groups - 1) + 1
+                    near = begin[other * groups + high] - begin[other * groups + low]
+                    if ti.static(periodic):  # what lies beyond the ends of the band
+                        over, under = ti.max(g + reach + 1 - groups, 0), ti.min(g - reach, 0)
+                        near += begin[other * groups + over] - begin[other * groups]
+                        near += begin[(other + 1) * groups] - begin[(other + 1) * groups + under]
+                    mine = begin[band * groups + g + 1] - begin[band * groups + g]
+                    most += ti.cast(mine, ti.f64) * near
+        space[band + 1] = most
     ti.loop_config(serialize=True)
-    for k in range(node.shape[0]):
-        node[k, FIRST] = total
-        total += node[k, COUNT]
-    return total
+    for band in range(bands):
+        space[band + 1] += space[band]
 
 
 @ti.kernel
 def pairs(
-    node: Table, begin: Integers, value: Numbers, index: Integers, short: Numbers,
-    origin: vec2, spacing: vec2, period: vec2, rows: ti.i32, columns: ti.i32,
-    cutoff: ti.f64, unresolved: ti.f64,
+    site: Table, node: Table, begin: Integers, space: Numbers, value: Numbers, index: Integers,
+    short: Numbers, origin: vec2, spacing: vec2, period: vec2,
+    rows: ti.i32, columns: ti.i32, bands: ti.i32,
+    own: ti.f64, cutoff: ti.f64, unresolved: ti.f64,
     width: ti.template(), degree: ti.template(), periodic: ti.template(),
 ) -> ti.i32:  # fmt: skip
     """Find the neighbours of every contact and what they add to the grid.
 
-    Returns how many pairs are too close to tell apart: of them nothing is left, grid included.
+    Of pairs too close to tell apart nothing is left, grid included; returns the contacts in such.
     """
-    reach = ti.cast(ti.ceil(cutoff / spacing[0]), ti.i32)
+    groups = ti.raw_div(columns + BIN - 1, BIN)
     coincident = 0
-    for k in range(node.shape[0]):
-        first = ti.cast(node[k, FIRST], ti.i32)
-        last = first
-        for step in range(-reach, reach + 1):
-            for piece in range(1 + periodic):
-                low, high = stretch(
-                    node, begin, k, step, piece, cutoff, origin, spacing,
-                    rows, columns, width, periodic,
-                )  # fmt: skip
-                for m in range(low, high):
-                    d = difference(node, k, m, period, periodic)
-                    squared = d.dot(d)
-                    if squared < cutoff**2 and m != k:
+    for band in range(bands):
+        last = ti.cast(space[band], ti.i32)
+        for k in range(begin[band * groups], begin[(band + 1) * groups]):
+            first = last
+            closest = cutoff**2
+            for step in range(-1, 2):
+                for piece in range(1 + periodic):
+                    low, high = stretch(
+                        site, begin, k, step, piece, cutoff, origin, spacing,
+                        rows, columns, bands, width, periodic,
+                    )  # fmt: skip
+                    for m in range(low, high):
+                        squared = distance_squared(site, k, m, period, periodic)
+                        other = m != k
+                        closest = ti.min(closest, ti.select(other, squared, closest))
+                        # Written, and kept by moving on: a jump would often be guessed wrong.
                         value[last] = squared
                         index[last] = m
-                        last += 1
-        node[k, COUNT] = last - first
-        p = ti.Vector([short[a] for a in ti.static(range(degree + 1))])
-        for m in range(first, last):
-            squared = value[m]
-            s = 2.0 * squared / cutoff**2 - 1.0
-            smooth = p[degree]
-            for a in ti.static(range(degree - 1, -1, -1)):
-                smooth = smooth * s + p[a]
-            near = squared <= unresolved
-            value[m] = ti.select(near, 0.0, 1.0 / ti.sqrt(squared)) - smooth / cutoff
-            coincident += ti.cast(near, ti.i32)
-    return coincident // 2
+                        last += ti.cast(other and squared < cutoff**2, ti.i32)
+            node[k, FIRST], node[k, COUNT] = first, last - first
+            p = ti.Vector([short[a] for a in ti.static(range(degree + 1))])
+            for m in range(first, last):
+                squared = value[m]
+                s = 2.0 * squared / cutoff**2 - 1.0
+                smooth = p[degree]
+                for a in ti.static(range(degree - 1, -1, -1)):
+                    smooth = smooth * s + p[a]
+                value[m] = 1.0 / ti.sqrt(squared) - smooth / cutoff
+            if closest <= unresolved:
+                coincident += 1
+                for m in range(first, last):
+                    if distance_squared(site, k, index[m], period, periodic) <= unresolved:
+                        value[m] = -own
+    return coincident
 
 
 @ti.kernel
 def concentric(
-    node: Table, value: Numbers, index: Integers, radius: Numbers, order: Integers,
+    site: Table, node: Table, value: Numbers, index: Integers, radius: Numbers, order: Integers,
     period: vec2, own: ti.f64, unresolved: ti.f64, periodic: ti.template(),
 ):  # fmt: skip
     """Pairs too close to tell apart act by one concentric Hertz pressure under the other
@@ -340,8 +382,7 @@ def concentric(
     for k in range(node.shape[0]):
         first = ti.cast(node[k, FIRST], ti.i32)
         for m in range(first, first + ti.cast(node[k, COUNT], ti.i32)):
-            d = difference(node, k, index[m], period, periodic)
-            if d.dot(d) <= unresolved:
+            if distance_squared(site, k, index[m], period, periodic) <= unresolved:
                 a, b = radius[order[k]], radius[order[index[m]]]
                 wide, narrow = ti.max(a, b), ti.min(a, b)
                 value[m] = -own

@@ -108,7 +108,9 @@ class Grid:
         split, window = self.accuracy.split, self.accuracy.window
         waves = [2 * np.pi * np.arange(m // 2 + 1) / m for m in self.torus]
         if self.period is None:
-            distance = [_round(m, ROUND * self.accuracy.cutoff) * self.spacing[0] for m in self.torus]
+            distance = [
+                _round(m, ROUND * self.accuracy.cutoff) * self.spacing[0] for m in self.torus
+            ]
             r = np.hypot(distance[0][:, None], distance[1])
             symbol = dctn(split.smooth(r / self.cutoff) / self.cutoff, type=1)
         else:
@@ -125,7 +127,9 @@ def free_grid(low: Array, high: Array, spacing: float, setting: Accuracy) -> Gri
     extent = (high - low) / spacing + 2 * SLACK
     width = setting.width
     least = np.maximum(extent, NEAR * setting.cutoff) + ROUND * setting.cutoff
-    torus = tuple(_fast_even(max(2 * half, e + width)) for half, e in zip(least, extent, strict=True))
+    torus = tuple(
+        _fast_even(max(2 * half, e + width)) for half, e in zip(least, extent, strict=True)
+    )
     points = tuple(int(np.floor(e)) + width + 1 for e in extent)
     start = low - (SLACK + width / 2 - 1) * spacing
     return Grid(

@@ -13,8 +13,6 @@ Particles, 1988, ch. 8; the split and the window are those of `splitting` and `w
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,33 +21,37 @@ from .checks import Array
 from .grid import Grid
 
 SPARE = 1.1  # room for pairs, over what is needed: refreshed plans need a little more or less
+CROWDED = 3.0  # growth of that room at which a grid no longer suits
 
 
 class MeshSum:
     """The sums over one layout of contacts.
 
-    x: (n, 2) positions, m; modulus: the plane-strain modulus `E'`, Pa; grid: where they are, or a
-    function that makes a grid for positions, which is asked again when contacts leave it; radius:
-    (n,) contact radii, m, or None, used for coincident contacts alone; workers: threads of the
-    transforms, as in `scipy.fft` (the compiled loops use `HALFSPACE_THREADS`).
+    x: (n, 2) positions, m; modulus: the plane-strain modulus `E'`, Pa; grid: one that they are on;
+    radius: (n,) contact radii, m, or None, used for coincident contacts alone; workers: threads of
+    the transforms, as in `scipy.fft` (the compiled loops use `HALFSPACE_THREADS`). Raises
+    ValueError for contacts that are not on the grid.
     """
 
     def __init__(
         self,
         x: Array,
         modulus: float,
-        grid: Callable[[Array], Grid],
+        grid: Grid,
         radius: Array | None = None,
         workers: int | None = None,
     ) -> None:
         self.modulus, self.workers = modulus, workers
-        self._make_grid = grid
-        self._value, self._index = np.empty(0), np.empty(0, np.int32)
-        self._lay(grid(x))
-        self.refresh(x, radius)
-
-    def _lay(self, grid: Grid) -> None:
         self.grid = grid
+        self._value, self._index = np.empty(0), np.empty(0, np.int32)
+        self._prepare(grid)
+        self.x, self._most = np.empty((0, 2)), np.inf
+        if not self.refresh(x, radius):
+            raise ValueError(f"x = {x.min(axis=0)} ... {x.max(axis=0)}: must lie on {grid}")
+        self._most = CROWDED * float(self._space[-1])
+
+    def _prepare(self, grid: Grid) -> None:
+        """What depends on the grid alone."""
         window, split = grid.accuracy.window, grid.accuracy.split
         powers = np.arange(len(window.polynomials) - 1, 0, -1)
         self._polynomials = window.polynomials
@@ -69,27 +71,26 @@ class MeshSum:
         self._period = vector(grid.period if periodic else (1.0, 1.0))
         self._kind = (width, periodic)
 
-    def refresh(self, x: Array, radius: Array | None = None) -> None:
-        """The same plan for contacts that have moved, come or gone, (n, 2) m.
+    def refresh(self, x: Array, radius: Array | None = None) -> bool:
+        """The same grid for contacts that have moved, come or gone, (n, 2) m.
 
-        The grid stays unless they leave it.
+        False, and no longer fit for use, if they have left it or crowd so that another would be
+        cheaper by far.
         """
-        n = len(x)
-        if n != len(getattr(self, "x", ())):
+        n, grid = len(x), self.grid
+        if n != len(self.x):
             self._order, self._bins = np.empty(n, np.int32), np.empty(n, np.int32)
-            self._load = np.empty((4, n))
+            self._load, self._site = np.empty((4, n)), np.empty((n, 2))
+            self._node = np.empty((n, kernels.WEIGHTS + 2 * grid.accuracy.width))
         self.x, self.radius = x, radius
-        if self._sort():
-            self._lay(self._make_grid(x))
-            self._sort()
-        grid = self.grid
-        self._site = np.empty((n, 2))
-        self._node = np.empty((n, kernels.WEIGHTS + 2 * grid.accuracy.width))
+        if self._sort() or not self._make_room():
+            return False
         kernels.place(
             x, self._order, self._site, self._node, self._polynomials,
             *self._place, *grid.points, *self._kind,
         )  # fmt: skip
         self._find_pairs()
+        return True
 
     def _sort(self) -> int:
         """How many contacts are not on the grid."""
@@ -100,14 +101,23 @@ class MeshSum:
             )
         )  # fmt: skip
 
+    def _make_room(self) -> bool:
+        """Storage for pairs, unless there are far too many."""
+        grid = self.grid
+        columns = int(np.ceil(grid.cutoff / grid.spacing[1]))  # apart, two that near, at most
+        reach = -(-columns // kernels.BIN)
+        kernels.room(self._begin, self._space, reach, grid.points[1], self._bands, self._kind[1])
+        needed = float(self._space[-1])
+        if needed > min(self._most, np.iinfo(np.int32).max):
+            return False
+        if needed > len(self._value):
+            size = int(SPARE * needed)
+            self._value, self._index = np.empty(size), np.empty(size, np.int32)
+        return True
+
     def _find_pairs(self) -> None:
         grid, (width, periodic) = self.grid, self._kind
         site, node, begin = self._site, self._node, self._begin
-        reach = int(np.ceil(grid.cutoff / grid.spacing[1]) / kernels.BIN) + 2
-        kernels.room(begin, self._space, reach, grid.points[1], self._bands, periodic)
-        if self._space[-1] >= len(self._value):
-            size = int(SPARE * self._space[-1]) + 1
-            self._value, self._index = np.empty(size), np.empty(size, np.int32)
         extent = float(np.ptp(self.x, axis=0).max(initial=0.0)) if len(self.x) else 0.0
         self._unresolved = (np.finfo(np.float64).eps * extent) ** 2
         coincident = kernels.pairs(
@@ -131,12 +141,8 @@ class MeshSum:
         )  # fmt: skip
         return self._unsorted(self._load[1])
 
-    def slope(self, f: Array) -> Array:
-        """Gradient of the expansion `e = -w` at every contact, (n, 2)."""
-        return self.displacement(f)[1]
-
     def displacement(self, f: Array) -> tuple[Array, Array]:
-        """Depression, as `apply`, and slope from the same sums."""
+        """Depression, as `apply`, and slope (n, 2), the gradient of the expansion `e = -w`, from the same sums."""
         grid, (width, periodic) = self.grid, self._kind
         kernels.gather_slope(
             self._potential(f), self._load, self._site, self._node, self._value, self._index,

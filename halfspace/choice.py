@@ -147,7 +147,9 @@ def _meshes(
         while spacing <= coarsest:
             found.append(mesh(spacing))
             choice, step = found[-1]
-            if step > 2 * min(t for _, t in found) or _grid_bytes(choice.grid) > MEMORY:
+            dear = step > 2 * min(t for _, t in found)
+            crowded = factor > 1 and choice.pairs > CROWDED * n
+            if dear or crowded or _grid_bytes(choice.grid) > MEMORY:
                 break
             spacing *= factor
     return found

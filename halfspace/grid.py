@@ -99,19 +99,18 @@ class Grid:
     period: tuple[float, float] | None = None
 
     def influence(self) -> Array:
-        """What a unit on the grid does to its points: transform, (rows, columns/2 + 1) of the torus.
+        """What a force on the grid does to its points: its transform.
 
-        In units where a force f acts by f/r. The windows at both ends are divided out.
+        (rows, columns/2 + 1) of the torus, real, in units where a force f acts by f/r. The windows
+        at both ends are divided out.
         """
         from scipy.fft import dctn
 
         split, window = self.accuracy.split, self.accuracy.window
         waves = [2 * np.pi * np.arange(m // 2 + 1) / m for m in self.torus]
         if self.period is None:
-            distance = [
-                _round(m, ROUND * self.accuracy.cutoff) * self.spacing[0] for m in self.torus
-            ]
-            r = np.hypot(distance[0][:, None], distance[1])
+            d = [self.spacing[0] * _round(m, ROUND * self.accuracy.cutoff) for m in self.torus]
+            r = np.hypot(d[0][:, None], d[1])
             symbol = dctn(split.smooth(r / self.cutoff) / self.cutoff, type=1)
         else:
             q = [k / h for k, h in zip(waves, self.spacing, strict=True)]
@@ -127,9 +126,7 @@ def free_grid(low: Array, high: Array, spacing: float, setting: Accuracy) -> Gri
     extent = (high - low) / spacing + 2 * SLACK
     width = setting.width
     least = np.maximum(extent, NEAR * setting.cutoff) + ROUND * setting.cutoff
-    torus = tuple(
-        _fast_even(max(2 * half, e + width)) for half, e in zip(least, extent, strict=True)
-    )
+    torus = tuple(_fast_even(2 * half) for half in least)
     points = tuple(int(np.floor(e)) + width + 1 for e in extent)
     start = low - (SLACK + width / 2 - 1) * spacing
     return Grid(

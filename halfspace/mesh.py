@@ -142,7 +142,7 @@ class MeshSum:
         return self._unsorted(self._load[1])
 
     def displacement(self, f: Array) -> tuple[Array, Array]:
-        """Depression, as `apply`, and slope (n, 2), the gradient of the expansion `e = -w`, from the same sums."""
+        """Depression, as `apply`, and slope (n, 2), the gradient of the expansion `e = -w`."""
         grid, (width, periodic) = self.grid, self._kind
         kernels.gather_slope(
             self._potential(f), self._load, self._site, self._node, self._value, self._index,

@@ -6,12 +6,14 @@ reach it in one or two contiguous stretches and adds them up itself, in that ord
 write to the same place, and the bits do not depend on their number. A band is as high as the
 cutoff, so that all neighbours of a contact lie in three bands, in one stretch each.
 
-Every array passed to a kernel costs about 10 us, so there are few: `site` (n, 2) holds the positions
-in that order; `node` (n, 4 + 2 w) the first row and column of the window, the first pair and the
-number of pairs, and the weights of the window in both dimensions; `load` (4, n) the force, and
-depression and slope as results.
+Every array passed to a kernel costs about 10 us, so there are few: `site` (n, 2) holds the
+positions in that order; `node` (n, 4 + 2 w) the first row and column of the window, the first pair
+and the number of pairs, and the weights of the window in both dimensions; `load` (4, n) the force,
+and depression and slope as results.
 """
 
+# mypy: ignore-errors
+# (annotations are the compiler's types, which no checker knows)
 from .backend import start, ti
 
 start()

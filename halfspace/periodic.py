@@ -12,6 +12,7 @@ than half the shorter side one by one, and a few hundred plane waves.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -83,7 +84,7 @@ class PeriodicSum:
         return w / (np.pi * self.modulus), slope / (np.pi * self.modulus)
 
     def matrix(self) -> Array:
-        """The dense influence matrix `C` (n, n), m/N: symmetric, images of itself on the diagonal."""
+        """The dense influence matrix `C` (n, n), m/N: symmetric, own images on the diagonal."""
         c = (self._waves * self._symbol) @ self._waves.conj().T
         c = c.real + self._mean - self._own * np.eye(len(self.x))
         for rows, _, _, near, _ in self._near():
@@ -112,8 +113,8 @@ class PeriodicSum:
     def _own(self) -> float:
         return self._split.origin / self._cutoff
 
-    def _near(self):  # type: ignore[no-untyped-def]
-        """Rows of the pair table, offsets by the shortest way, what pairs add, and its steepness."""
+    def _near(self) -> Iterator[tuple[slice, Array, Array, Array, Array]]:
+        """Rows of the pair table, shortest offsets, what pairs add to the waves, its steepness."""
         n, split = len(self.x), self._split
         height = max(1, BLOCK // max(n, 1))
         polynomial = np.polynomial.Polynomial(split.polynomial)

@@ -2,10 +2,10 @@
 
     1/r = Phi(r/rc)/r + (1 - Phi(r/rc))/r,    Phi(t) = int_0^t b / int_0^1 b,
 
-with `b(t) = I0(beta sqrt(1 - t^2)) - 1` on [-1, 1], a Kaiser-Bessel bump that ends continuously. The
-spectrum of the smooth part falls by `exp(-beta)` until `q = beta/rc` and stays there: the bump takes
-the place of the Gaussian of Ewald's sum (P. P. Ewald, Ann. Phys. 369, 253, 1921), whose spectrum
-is twice as wide at equal accuracy.
+with `b(t) = I0(beta sqrt(1 - t^2)) - 1` on [-1, 1], a Kaiser-Bessel bump that ends continuously.
+The spectrum of the smooth part falls by `exp(-beta)` until `q = beta/rc` and stays there: the bump
+takes the place of the Gaussian of Ewald's sum (P. P. Ewald, Ann. Phys. 369, 253, 1921), whose
+spectrum is twice as wide at equal accuracy.
 
 Everything here is in units of rc: `t = r/rc`, `x = q rc`.
 """

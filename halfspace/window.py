@@ -35,13 +35,15 @@ class Window:
         def shape(z: Array) -> Array:
             return bell(z) / bell(z[..., None] + np.arange(-width, width + 1)).sum(-1)
 
-        fits = [
-            Chebyshev.interpolate(lambda v, s=start: shape(s + (v + 1) / 2), width + 1)
-            for start in np.arange(width) - width / 2
-        ]
+        def piece(v: Array, start: float) -> Array:
+            return shape(start + (v + 1) / 2)
+
+        starts = np.arange(width) - width / 2
+        fits = [Chebyshev.interpolate(piece, width + 1, args=(start,)) for start in starts]
         flat = Chebyshev([0.0])
         pieces = []
-        for before, fit, after in zip([flat, *fits], fits, [*fits[1:], flat], strict=False):
+        neighbours = zip([flat, *fits[:-1]], fits, [*fits[1:], flat], strict=True)
+        for before, fit, after in neighbours:
             to_value, to_slope = _gaps(before, fit, after)
             pieces.append((fit.convert(kind=Polynomial) + _hermite(to_value, to_slope)).coef)
         longest = max(map(len, pieces))

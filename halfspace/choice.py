@@ -21,6 +21,7 @@ ROOM = 2.5  # for pairs, over their number
 CROWDED = 0.2  # share of all contacts near one, above which a grid resolves too little
 WAVES = 250  # of a periodic direct sum over a square
 STEP = np.sqrt(2.0)  # between the grid spacings tried
+WALK = 50  # at most, of such steps
 
 # Measured costs, s.
 CALLS, RENEWAL_CALLS = 2.5e-4, 5e-4  # of an application and a renewal, whatever their size
@@ -78,6 +79,8 @@ def choose(
     direct, direct_step = _direct(n, tolerance, period)
     if method == "direct":
         return replace(direct, reason="it was asked for")
+    if n == 0:
+        return replace(direct, reason="there is nothing to sum")
     if method is None and direct_step <= RENEWAL_CALLS + APPLICATIONS * CALLS:
         return replace(direct, reason="so few are summed sooner than a grid is filled")
     if method is None and tolerance < FINEST:
@@ -130,7 +133,8 @@ def _meshes(
     low, high = x.min(axis=0), x.max(axis=0)
     size = np.sort(high - low if period is None else np.asarray(period))
     longest = float(size[1]) or 1.0
-    guess = 0.5 * float(np.sqrt(longest * max(size[0], longest / n) / n))
+    # Not a simple fraction of a lattice: all contacts would sit alike in their cells.
+    guess = 0.53 * float(np.sqrt(longest * max(size[0], longest / n) / n))
     coarsest = np.inf
     if period is not None:
         coarsest = float(size[0]) / fewest_points(setting)
@@ -143,15 +147,15 @@ def _meshes(
 
     found = [mesh(guess)]
     for factor in (1 / STEP, STEP):
-        spacing = guess * factor
-        while spacing <= coarsest:
+        for spacing in guess * factor ** np.arange(1, WALK):
+            if spacing > coarsest:
+                break
             found.append(mesh(spacing))
             choice, step = found[-1]
             dear = step > 2 * min(t for _, t in found)
             crowded = factor > 1 and choice.pairs > CROWDED * n
             if dear or crowded or _grid_bytes(choice.grid) > MEMORY:
                 break
-            spacing *= factor
     return found
 
 

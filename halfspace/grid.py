@@ -17,7 +17,7 @@ from .splitting import Split
 from .window import Window
 
 SLACK = 2  # cells around the contacts in which they may move before there must be a new grid
-ROUND = 1.3  # half-width of the rounding on the far side, in cutoffs
+ROUND = 1.6  # half-width of the rounding on the far side, in cutoffs
 NEAR = 3.0  # least half-width of the torus, in cutoffs
 
 
@@ -26,7 +26,7 @@ class Accuracy:
     """A window and a split that belong together, and the error that they were measured to make.
 
     error: root mean square over the contacts, of `f_rms/(pi E' s)`, for contacts strewn at random
-    with `n` on the area `n s^2`; the worst of some ten thousand errs by five times that. width:
+    with `n` on the area `n s^2`; the worst of ten thousand errs by `WORST` times that. width:
     grid points of the window; cutoff: of the split, in grid cells; `sharpness` and `beta`: of the
     window and the split.
     """
@@ -52,25 +52,24 @@ ACCURACIES = tuple(
     for digits, width, cutoff, sharpness, beta in (
         (-1.49, 3, 2.00, 2.76, 1.90),
         (-2.51, 4, 2.50, 2.42, 2.61),
-        (-2.80, 4, 3.00, 2.45, 2.47),
+        (-2.93, 4, 3.25, 2.45, 2.35),
         (-3.56, 5, 3.50, 2.37, 2.58),
         (-4.07, 6, 3.50, 2.17, 2.84),
         (-4.44, 6, 4.00, 2.24, 2.74),
-        (-4.81, 7, 4.00, 2.12, 2.88),
-        (-5.13, 7, 4.50, 2.19, 2.75),
+        (-4.96, 7, 4.20, 2.15, 2.81),
         (-5.54, 8, 4.50, 2.05, 2.91),
         (-6.17, 9, 5.00, 2.02, 2.93),
-        (-6.71, 9, 5.75, 2.26, 2.68),
         (-6.91, 10, 5.50, 2.05, 2.91),
         (-7.56, 11, 6.00, 2.04, 2.91),
         (-8.29, 12, 6.50, 2.01, 2.94),
-        (-9.16, 13, 7.25, 2.02, 2.91),
+        (-8.96, 13, 7.00, 1.98, 2.94),
+        (-9.74, 14, 7.50, 1.96, 2.96),
         (-10.16, 14, 8.00, 2.01, 2.91),
-        (-10.61, 15, 8.50, 1.96, 2.99),
-        (-11.14, 16, 9.00, 2.05, 2.91),
+        (-10.54, 15, 8.25, 1.95, 2.97),
+        (-11.07, 16, 8.75, 2.00, 2.93),
     )
 )
-WORST = 5.0  # the worst contact's error over the root mean square
+WORST = 8.0  # the worst contact's error over that, the forces being of one sign or not
 FINEST = ACCURACIES[-1].error * WORST
 
 

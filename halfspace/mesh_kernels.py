@@ -137,8 +137,8 @@ def spread(
                 for r in range(ti.max(row, top), ti.min(row + width, bottom)):
                     w = f * node[k, WEIGHTS + r - row]
                     if ti.static(periodic) and c + width > columns:
-                        for b in ti.static(range(width)):
-                            grid[r, wrapped(c + b, columns)] += w * u[b]
+                        for b in range(width):
+                            grid[r, wrapped(c + b, columns)] += w * node[k, WEIGHTS + width + b]
                     else:
                         # All loads before all stores: else the compiler must assume that one
                         # overlaps another, and handles one number at a time.
@@ -148,23 +148,20 @@ def spread(
 
 
 @ti.func
-def along_rows(
-    grid: ti.template(), node: ti.template(), w: ti.template(), k,
-    rows, columns, width: ti.template(), periodic: ti.template(),
-):  # fmt: skip
-    """Grid values under the window of contact k, summed over rows with the weights w."""
-    row, column = ti.cast(node[k, ROW], ti.i32), ti.cast(node[k, COLUMN], ti.i32)
-    total = ti.Vector([ti.cast(0.0, ti.f64)] * width)
-    if ti.static(periodic) and (row + width > rows or column + width > columns):
-        for a in ti.static(range(width)):
-            for b in ti.static(range(width)):
-                value = grid[wrapped(row + a, rows), wrapped(column + b, columns)]
-                total[b] += w[a] * value
+def row_of(
+    grid: ti.template(), row, column, rows, columns, width: ti.template(), periodic: ti.template()
+):
+    """Grid values under a window in one row."""
+    values = ti.Vector([ti.cast(0.0, ti.f64)] * width)
+    if ti.static(periodic):
+        row = wrapped(row, rows)
+    if ti.static(periodic) and column + width > columns:
+        for b in ti.static(range(width)):
+            values[b] = grid[row, wrapped(column + b, columns)]
     else:
-        for a in ti.static(range(width)):
-            for b in ti.static(range(width)):
-                total[b] += w[a] * grid[row + a, column + b]
-    return total
+        for b in ti.static(range(width)):
+            values[b] = grid[row, column + b]
+    return values
 
 
 @ti.kernel
@@ -175,8 +172,11 @@ def gather(
 ):  # fmt: skip
     """Depression of every contact: from the grid, less its own share, and from its pairs."""
     for k in range(node.shape[0]):
-        w = ti.Vector([node[k, WEIGHTS + a] for a in ti.static(range(width))])
-        across = along_rows(grid, node, w, k, rows, columns, width, periodic)
+        row, column = ti.cast(node[k, ROW], ti.i32), ti.cast(node[k, COLUMN], ti.i32)
+        across = ti.Vector([ti.cast(0.0, ti.f64)] * width)
+        for a in range(width):
+            values = row_of(grid, row + a, column, rows, columns, width, periodic)
+            across += node[k, WEIGHTS + a] * values
         total = -own * load[0, k]
         for b in ti.static(range(width)):
             total += across[b] * node[k, WEIGHTS + width + b]
@@ -211,7 +211,6 @@ def gather_slope(
 ):  # fmt: skip
     """Depression, as `gather`, and the gradient of -1 times it, from the same sums."""
     for k in range(node.shape[0]):
-        w = ti.Vector([node[k, WEIGHTS + a] for a in ti.static(range(width))])
         u = ti.Vector([node[k, WEIGHTS + width + a] for a in ti.static(range(width))])
         v = ti.Vector([ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)])
         for axis in ti.static(range(2)):
@@ -219,8 +218,13 @@ def gather_slope(
             v[axis] = 2.0 * (ti.ceil(low) - low) - 1.0
         dw = weights(derivatives, v[0], width)
         du = weights(derivatives, v[1], width)
-        across = along_rows(grid, node, w, k, rows, columns, width, periodic)
-        steep = along_rows(grid, node, dw, k, rows, columns, width, periodic)
+        row, column = ti.cast(node[k, ROW], ti.i32), ti.cast(node[k, COLUMN], ti.i32)
+        across = ti.Vector([ti.cast(0.0, ti.f64)] * width)
+        steep = ti.Vector([ti.cast(0.0, ti.f64)] * width)
+        for a in range(width):
+            values = row_of(grid, row + a, column, rows, columns, width, periodic)
+            across += node[k, WEIGHTS + a] * values
+            steep += dw[a] * values
         total = -own * load[0, k]
         slope = ti.Vector([ti.cast(0.0, ti.f64), ti.cast(0.0, ti.f64)])
         for b in ti.static(range(width)):

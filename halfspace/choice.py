@@ -1,6 +1,7 @@
 """Which way of summing is cheapest for a layout: directly, or on a grid, and how fine a grid.
 
-What is weighed is a time step of the coupled solve: one renewal of the plan and a few applications.
+What is weighed is a time step of the coupled solve: one renewal of the plan, a few applications,
+one of them with slope.
 The unit costs were measured once, on one thread; the choice depends on counts alone, never on a
 clock, so that it is the same in every run.
 """
@@ -27,7 +28,8 @@ WALK = 50  # at most, of such steps
 CALLS, RENEWAL_CALLS = 2.5e-4, 5e-4  # of an application and a renewal, whatever their size
 POINT = 1.7e-9  # spreading and gathering, per point of a contact's window
 CONTACT, PAIR = 3e-8, 1.2e-9  # per contact, per pair; in an application
-RENEWED_CONTACT, RENEWED_PAIR = 3e-7, 1e-8
+RENEWED_CONTACT, RENEWED_PAIR = 2.5e-7, 1e-8
+SLOPE_CONTACT, SLOPE_PAIR = 1e-7, 6e-9  # besides the application
 TRANSFORM = 4.2e-10  # per cell of the torus and doubling of their number
 KEPT_ENTRY, MADE_ENTRY = 3e-10, 6e-9  # of the dense matrix
 MODE = 1.5e-9  # per contact and wave of a periodic direct sum
@@ -180,9 +182,10 @@ def _mesh(x: Array, grid: Grid, tolerance: float) -> tuple[Choice, float]:
         + TRANSFORM * points * np.log2(points)
     )
     renewal = RENEWAL_CALLS + n * (RENEWED_CONTACT + RENEWED_PAIR * pairs)
+    slope = n * (SLOPE_CONTACT + SLOPE_PAIR * pairs)
     memory = _grid_bytes(grid) + n * (100.0 + 16 * width + 12 * ROOM * (pairs + 1))
     choice = Choice("mesh", n, tolerance, time, memory, "", grid, pairs)
-    return choice, renewal + APPLICATIONS * time
+    return choice, renewal + slope + APPLICATIONS * time
 
 
 def _neighbours(x: Array, cutoff: float) -> float:

@@ -346,7 +346,6 @@ def pairs(
         last = ti.cast(space[band], ti.i32)
         for k in range(begin[band * groups], begin[(band + 1) * groups]):
             first = last
-            closest = cutoff**2
             for step in range(-1, 2):
                 for piece in range(1 + periodic):
                     low, high = stretch(
@@ -355,22 +354,22 @@ def pairs(
                     )  # fmt: skip
                     for m in range(low, high):
                         squared = distance_squared(site, k, m, period, periodic)
-                        other = m != k
-                        closest = ti.min(closest, ti.select(other, squared, closest))
                         # Written, and kept by moving on: a jump would often be guessed wrong.
                         value[last] = squared
                         index[last] = m
-                        last += ti.cast(other and squared < cutoff**2, ti.i32)
+                        last += ti.cast(m != k and squared < cutoff**2, ti.i32)
             node[k, FIRST], node[k, COUNT] = first, last - first
             p = ti.Vector([short[a] for a in ti.static(range(degree + 1))])
+            close = 0
             for m in range(first, last):
                 squared = value[m]
+                close += ti.cast(squared <= unresolved, ti.i32)
                 s = 2.0 * squared / cutoff**2 - 1.0
                 smooth = p[degree]
                 for a in ti.static(range(degree - 1, -1, -1)):
                     smooth = smooth * s + p[a]
                 value[m] = 1.0 / ti.sqrt(squared) - smooth / cutoff
-            if closest <= unresolved:
+            if close > 0:
                 coincident += 1
                 for m in range(first, last):
                     if distance_squared(site, k, index[m], period, periodic) <= unresolved:

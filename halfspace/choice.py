@@ -21,7 +21,7 @@ MEMORY = 2**32  # bytes that a plan may take
 ROOM = 2.5  # for pairs, over their number
 CROWDED = 0.2  # share of all contacts near one, above which a grid resolves too little
 WAVES = 250  # of a periodic direct sum over a square
-STEP = np.sqrt(2.0)  # between the grid spacings tried
+STEP = 2.0**0.5  # between the grid spacings tried
 WALK = 50  # at most, of such steps
 
 # Measured costs, s.
@@ -149,7 +149,8 @@ def _meshes(
 
     found = [mesh(guess)]
     for factor in (1 / STEP, STEP):
-        for spacing in guess * factor ** np.arange(1, WALK):
+        for k in range(1, WALK):
+            spacing = guess * factor**k
             if spacing > coarsest:
                 break
             found.append(mesh(spacing))

@@ -119,7 +119,7 @@ class MeshSum:
         grid, (width, periodic) = self.grid, self._kind
         site, node, begin = self._site, self._node, self._begin
         extent = float(np.ptp(self.x, axis=0).max(initial=0.0)) if len(self.x) else 0.0
-        self._unresolved = (np.finfo(np.float64).eps * extent) ** 2
+        self._unresolved = float(np.finfo(np.float64).eps * extent) ** 2
         coincident = kernels.pairs(
             site, node, begin, self._space, self._value, self._index, self._short,
             *self._place, self._period, *grid.points, self._bands,

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import mesh_kernels as kernels
+from . import mesh_pairs
 from .checks import Array
 from .grid import Grid
 
@@ -106,7 +107,7 @@ class MeshSum:
         grid = self.grid
         columns = int(np.ceil(grid.cutoff / grid.spacing[1]))  # apart, two that near, at most
         reach = -(-columns // kernels.BIN)
-        kernels.room(self._begin, self._space, reach, grid.points[1], self._bands, self._kind[1])
+        mesh_pairs.room(self._begin, self._space, reach, grid.points[1], self._bands, self._kind[1])
         needed = float(self._space[-1])
         if needed > min(self._most, np.iinfo(np.int32).max):
             return False
@@ -120,14 +121,14 @@ class MeshSum:
         site, node, begin = self._site, self._node, self._begin
         extent = float(np.ptp(self.x, axis=0).max(initial=0.0)) if len(self.x) else 0.0
         self._unresolved = float(np.finfo(np.float64).eps * extent) ** 2
-        coincident = kernels.pairs(
+        coincident = mesh_pairs.pairs(
             site, node, begin, self._space, self._value, self._index, self._short,
             *self._place, self._period, *grid.points, self._bands,
             self._own, grid.cutoff, self._unresolved,
             width, len(self._short) - 1, periodic,
         )  # fmt: skip
         if coincident and self.radius is not None:
-            kernels.concentric(
+            mesh_pairs.concentric(
                 site, node, self._value, self._index, self.radius, self._order,
                 self._period, self._own, self._unresolved, periodic,
             )  # fmt: skip

@@ -13,10 +13,20 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
+from .choice import Choice
 from .ground import HalfSpace
+from .plan import Plan
 from .solve import Equilibrium, NotConverged, solve
 
-__all__ = ["Equilibrium", "HalfSpace", "NotConverged", "reference", "solve"]
+__all__ = [
+    "Choice",
+    "Equilibrium",
+    "HalfSpace",
+    "NotConverged",
+    "Plan",
+    "reference",
+    "solve",
+]
 
 
 def __getattr__(name: str) -> Any:

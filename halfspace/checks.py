@@ -29,6 +29,24 @@ def whole(name: str, value: Any) -> None:
         raise ValueError(f"{name} = {value!r}: must be a whole number >= 0")
 
 
+def one_of(name: str, value: Any, allowed: tuple[Any, ...]) -> None:
+    """Refuses what is not among `allowed`."""
+    if value not in allowed:
+        raise ValueError(f"{name} = {value!r}: must be {' or '.join(map(repr, allowed))}")
+
+
+def sides(name: str, value: Any) -> tuple[float, float]:
+    """Two lengths > 0, m: the sides of a rectangle."""
+    wanted = "(Lx, Ly), two lengths > 0 m"
+    try:
+        lengths = [number(name, side, wanted) for side in value]
+    except TypeError:
+        lengths = []
+    if len(lengths) != 2 or min(lengths) <= 0:
+        raise ValueError(f"{name} = {value!r}: must be {wanted}")
+    return lengths[0], lengths[1]
+
+
 def vectors(name: str, value: ArrayLike) -> Array:
     """Positions in the plane, (n, 2), finite; an empty list is (0, 2)."""
     array = _floats(name, value)

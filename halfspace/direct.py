@@ -30,10 +30,16 @@ class DirectSum:
     """
 
     def __init__(self, x: Array, modulus: float, radius: Array | None = None) -> None:
-        self.x, self.modulus, self.radius = x, modulus, radius
+        self.modulus = modulus
+        self.refresh(x, radius)
+
+    def refresh(self, x: Array, radius: Array | None = None) -> bool:
+        """The same for contacts that have moved, come or gone."""
+        self.x, self.radius = x, radius
         extent = float(np.ptp(x, axis=0).max()) if len(x) else 0.0
         self._unresolved = (np.finfo(np.float64).eps * extent) ** 2
         self._kept: Array | None = None
+        return True
 
     def apply(self, f: Array) -> Array:
         """Depression `w = C f` of every contact by the forces on the others, (n,), m."""

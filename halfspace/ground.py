@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike
 
 from . import checks, direct, greens
 from .checks import Array
+from .choice import Choice, choose
+from .periodic import PeriodicSum
+from .plan import Plan
 
 
 @dataclass(frozen=True)
@@ -21,17 +24,21 @@ class HalfSpace:
     belongs to the contact law. With `coupling="point"` the forces act at points.
 
     youngs_modulus: Pa, > 0; poissons_ratio: -1 < nu <= 1/2; tolerance: the error allowed to fast
-    sums, of `f_rms/(pi E' spacing)` (direct sums are exact to rounding); coupling: "point"; period
-    and layer: None. Raises ValueError for arguments without sense, NotImplementedError for a
-    coupling, period or layer that there is not.
+    sums, of `f_rms/(pi E' s)` with the spacing `s = sqrt(area/n)` of the contacts where they are
+    densest (direct sums are exact to rounding); coupling: "point"; period: (Lx, Ly), m, the sides
+    of a cell that repeats itself along x and y, or None (the mean depression of a periodic
+    half-space is taken as zero, and a contact feels its own images: `halfspace.periodic`); layer:
+    None; workers: threads of Fourier transforms, as in `scipy.fft`. Raises ValueError for arguments
+    without sense, NotImplementedError for a coupling or layer that there is not.
     """
 
     youngs_modulus: float
     poissons_ratio: float
     tolerance: float = 1e-4
     coupling: str = "point"
-    period: Any = None
+    period: tuple[float, float] | None = None
     layer: Any = None
+    workers: int | None = None
 
     def __post_init__(self) -> None:
         wanted = {
@@ -54,28 +61,39 @@ class HalfSpace:
             error = NotImplementedError if known else ValueError
             raise error(f'coupling = {self.coupling!r}: available is "point"')
         if self.period is not None:
-            raise NotImplementedError(
-                f"period = {self.period!r}: available is None, a half-space without bounds"
-            )
+            object.__setattr__(self, "period", checks.sides("period", self.period))
         if self.layer is not None:
             raise NotImplementedError(
                 f"layer = {self.layer!r}: available is None, a half-space of one material"
             )
+        if self.workers is not None:
+            checks.whole("workers", abs(self.workers))
+            if self.workers == 0:
+                raise ValueError("workers = 0: must be None or a whole number, not 0")
 
     @property
     def modulus(self) -> float:
         """The plane-strain modulus `E' = E/(1 - nu^2)`, Pa."""
         return greens.plane_strain_modulus(self.youngs_modulus, self.poissons_ratio)
 
-    def plan(self, x: ArrayLike, radius: ArrayLike | None = None) -> direct.DirectSum:
-        """The sums over one layout, for many sets of forces: `.apply(f)`,
-        `.slope(f)`.
+    def plan(
+        self, x: ArrayLike, radius: ArrayLike | None = None, method: str | None = None
+    ) -> Plan:
+        """The sums over one layout, for many sets of forces: `.apply(f)`, `.slope(f)`,
+        `.displacement(f)`, and `.refresh(x)` for contacts that have moved.
 
-        x: (n, 2) m; radius: (n,) m or None, as for `displacement`.
+        x: (n, 2) m; radius: (n,) m or None, as for `displacement`; method: "direct" or "mesh", or
+        None for the cheaper. Contacts of a periodic half-space may lie anywhere. Raises MemoryError
+        for a mesh that was asked for and is too large.
         """
-        x = checks.vectors("x", x)
-        a = None if radius is None else checks.radii("radius", radius, len(x))
-        return direct.DirectSum(x, self.modulus, a)
+        checks.one_of("method", method, (None, "direct", "mesh"))
+        arguments = self.modulus, self.tolerance, self.period, self.workers, method
+        return Plan(x, radius, *arguments)
+
+    def explain(self, x: ArrayLike, method: str | None = None) -> Choice:
+        """How `plan` would sum over the contacts `x` (n, 2), and why: print it."""
+        checks.one_of("method", method, (None, "direct", "mesh"))
+        return choose(checks.vectors("x", x), self.tolerance, self.period, method)
 
     def displacement(
         self, x: ArrayLike, f: ArrayLike, radius: ArrayLike | None = None
@@ -112,8 +130,19 @@ class HalfSpace:
         x, points = checks.vectors("x", x), checks.vectors("points", points)
         f = checks.scalars("f", f, len(x))
         a = None if radius is None else checks.radii("radius", radius, len(x))
-        return direct.field(x, f, points, self.modulus, a)
+        if self.period is None:
+            return direct.field(x, f, points, self.modulus, a)
+        if a is not None:
+            raise NotImplementedError("radius: a periodic half-space has fields of points alone")
+        return PeriodicSum(x, self.modulus, self.period).field(f, points)
 
     def matrix(self, x: ArrayLike, radius: ArrayLike | None = None) -> Array:
-        """The dense influence matrix (n, n), m/N, with `w = C f`; symmetric, zero diagonal."""
-        return self.plan(x, radius).matrix()
+        """The dense influence matrix (n, n), m/N, with `w = C f`; symmetric.
+
+        Its diagonal is zero, or in a periodic half-space what a contact's own images do to it.
+        """
+        x = checks.vectors("x", x)
+        a = None if radius is None else checks.radii("radius", radius, len(x))
+        if self.period is None:
+            return direct.DirectSum(x, self.modulus, a).matrix()
+        return PeriodicSum(x, self.modulus, self.period, a).matrix()

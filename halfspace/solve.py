@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from . import checks
 from .checks import Array
 from .ground import HalfSpace
+from .plan import Plan
 
 Law = Callable[[Array], tuple[Array, Array]]
 
@@ -69,6 +70,7 @@ def solve(
     start: ArrayLike | None = None,
     max_iterations: int = 50,
     opening: ArrayLike = 0.0,
+    plan: Plan | None = None,
 ) -> Equilibrium:
     """Equilibrium of n contacts with given overlaps on an elastic half-space.
 
@@ -77,7 +79,8 @@ def solve(
     It is called with `max(d, opening)`, and what it returns where `d <= opening` is replaced by
     zero, so a law of touch, such as Hertz's, need not handle gaps. residual: of `d + C f - delta`,
     relative to the largest `overlap - opening`, the most that a contact has to lose; a contact that
-    stays open has none. start: (n,) a guess of the effective overlaps, m.
+    stays open has none. start: (n,) a guess of the effective overlaps, m; plan: one that
+    `ground.plan` made for earlier positions, which is renewed for these.
 
     opening: the overlap at which a contact opens, scalar or (n,), m: 0, or for a contact that
     adheres its (negative) overlap at pull-off. A law that jumps there may have no equilibrium: the
@@ -86,7 +89,10 @@ def solve(
     Raises ValueError for arguments without sense, and NotConverged, which carries the nearest
     state, after `max_iterations`.
     """
-    plan = ground.plan(x)
+    if plan is None:
+        plan = ground.plan(x)
+    else:
+        plan.refresh(x)
     n = len(plan.x)
     delta = checks.scalars("overlap", overlap, n)
     guess = delta if start is None else checks.scalars("start", start, n)

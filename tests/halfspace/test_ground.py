@@ -235,7 +235,9 @@ def test_field_of_hertz_pressures(ground):
             NotImplementedError,
             r"coupling = 'finite': available is \"point\"",
         ),
-        ({"period": (1.0, 1.0)}, NotImplementedError, r"period = \(1.0, 1.0\): available is None"),
+        ({"period": 1.0}, ValueError, r"period = 1.0: must be \(Lx, Ly\), two lengths > 0 m"),
+        ({"period": (1.0, 0.0)}, ValueError, r"period = \(1.0, 0.0\): must be \(Lx, Ly\)"),
+        ({"workers": 0}, ValueError, r"workers = 0: must be None or a whole number, not 0"),
         ({"layer": 0.01}, NotImplementedError, r"layer = 0.01: available is None"),
     ],
 )

@@ -1,0 +1,196 @@
+"""Which way of summing is cheapest for a layout: directly, or on a grid, and how fine a grid.
+
+What is weighed is a time step of the coupled solve: one renewal of the plan, a few applications,
+one of them with slope.
+The unit costs were measured once, on one thread; the choice depends on counts alone, never on a
+clock, so that it is the same in every run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .checks import Array
+from .direct import KEEP
+from .grid import FINEST, Accuracy, Grid, accuracy, free_grid, periodic_grid
+
+APPLICATIONS = 4  # per renewal
+MEMORY = 2**32  # bytes that a plan may take
+ROOM = 2.5  # for pairs, over their number
+CROWDED = 0.2  # share of all contacts near one, above which a grid resolves too little
+WAVES = 250  # of a periodic direct sum over a square
+STEP = 2.0**0.5  # between the grid spacings tried
+WALK = 50  # at most, of such steps
+
+# Measured costs, s.
+CALLS, RENEWAL_CALLS = 2.5e-4, 5e-4  # of an application and a renewal, whatever their size
+POINT = 1.7e-9  # spreading and gathering, per point of a contact's window
+CONTACT, PAIR = 3e-8, 1.2e-9  # per contact, per pair; in an application
+RENEWED_CONTACT, RENEWED_PAIR = 2.5e-7, 1e-8
+SLOPE_CONTACT, SLOPE_PAIR = 1e-7, 6e-9  # besides the application
+TRANSFORM = 4.2e-10  # per cell of the torus and doubling of their number
+KEPT_ENTRY, MADE_ENTRY = 3e-10, 6e-9  # of the dense matrix
+MODE = 1.5e-9  # per contact and wave of a periodic direct sum
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How a layout is summed, and why; `print` it.
+
+    method: "direct" or "mesh"; time, s: of one application, as estimated; memory, bytes; reason: in
+    words; grid: of the mesh, or None; pairs: per contact within the cutoff, estimated;
+    alternatives: what else was considered, and its time for a renewal and `APPLICATIONS`
+    applications.
+    """
+
+    method: str
+    count: int
+    tolerance: float
+    time: float
+    memory: float
+    reason: str
+    grid: Grid | None = None
+    pairs: float = 0.0
+    alternatives: tuple[tuple[str, float], ...] = ()
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.count} contacts, tolerance {self.tolerance:.1g}: {self.method} sum, "
+            f"because {self.reason}",
+            f"  one application about {self.time * 1e3:.3g} ms, memory {self.memory / 1e6:.3g} MB",
+        ]
+        if self.grid is not None:
+            g = self.grid
+            lines.append(
+                f"  grid {g.points[0]} x {g.points[1]} (transforms {g.torus[0]} x {g.torus[1]}), "
+                f"spacing {g.spacing[0]:.3g} m, window {g.accuracy.width} points, "
+                f"cutoff {g.cutoff:.3g} m with about {self.pairs:.0f} neighbours"
+            )
+        for words, time in self.alternatives:
+            lines.append(f"  considered: {words}, {time * 1e3:.3g} ms per step")
+        return "\n".join(lines)
+
+
+def choose(
+    x: Array, tolerance: float, period: tuple[float, float] | None, method: str | None = None
+) -> Choice:
+    """The cheapest way to sum over the contacts `x` (n, 2); `method` insists on one."""
+    n = len(x)
+    direct, direct_step = _direct(n, tolerance, period)
+    if method == "direct":
+        return replace(direct, reason="it was asked for")
+    if n == 0:
+        return replace(direct, reason="there is nothing to sum")
+    if method is None and direct_step <= RENEWAL_CALLS + APPLICATIONS * CALLS:
+        return replace(direct, reason="so few are summed sooner than a grid is filled")
+    if method is None and tolerance < FINEST:
+        return replace(direct, reason=f"the mesh reaches no tolerance below {FINEST:.1g}")
+    tried = _meshes(x, tolerance, period)
+    fitting = [pair for pair in tried if pair[0].memory <= MEMORY]
+    if not fitting and method == "mesh":
+        least = min(mesh.memory for mesh, _ in tried) / 1e9
+        raise MemoryError(f"the mesh takes {least:.3g} GB, more than {MEMORY / 1e9:.3g}")
+    best = min(fitting, key=lambda pair: pair[1], default=None)
+    others = tuple((_words(mesh), step) for mesh, step in tried if best is None or mesh != best[0])
+    if best is None or (method is None and direct_step <= best[1]):
+        crowded = min(mesh.pairs for mesh, _ in tried) > CROWDED * n
+        reason = "a grid that spans all contacts " + (
+            "and fits into memory cannot tell those close together apart"
+            if crowded
+            else "is dearer"
+        )
+        if best is not None:
+            others = ((_words(best[0]), best[1]), *others)
+        return replace(direct, reason=reason, alternatives=others)
+    reason = "it was asked for" if method else "a step is cheapest so"
+    others = ((f"direct sum, {direct.memory / 1e6:.3g} MB", direct_step), *others)
+    return replace(best[0], reason=reason, alternatives=others)
+
+
+def _words(mesh: Choice) -> str:
+    assert mesh.grid is not None
+    return f"grid spacing {mesh.grid.spacing[0]:.3g} m, {mesh.memory / 1e6:.3g} MB"
+
+
+def _direct(n: int, tolerance: float, period: tuple[float, float] | None) -> tuple[Choice, float]:
+    """The direct sum, and its time per step."""
+    kept = n * n <= KEEP
+    time = n * n * (KEPT_ENTRY if kept else MADE_ENTRY)
+    memory = 8.0 * (n * n if kept else KEEP)
+    if period is not None:
+        modes = WAVES * max(period) / min(period)
+        time += n * modes * MODE
+        memory += 16 * n * modes
+    making = n * n * MADE_ENTRY if kept else 0.0
+    return Choice("direct", n, tolerance, time, memory, ""), making + APPLICATIONS * time
+
+
+def _meshes(
+    x: Array, tolerance: float, period: tuple[float, float] | None
+) -> list[tuple[Choice, float]]:
+    """Grids around a first guess, finer and coarser while that promises anything."""
+    setting, n = accuracy(tolerance), len(x)
+    low, high = x.min(axis=0), x.max(axis=0)
+    size = np.sort(high - low if period is None else np.asarray(period))
+    longest = float(size[1]) or 1.0
+    # Not a simple fraction of a lattice: all contacts would sit alike in their cells.
+    guess = 0.53 * float(np.sqrt(longest * max(size[0], longest / n) / n))
+    coarsest = np.inf
+    if period is not None:
+        coarsest = float(size[0]) / fewest_points(setting)
+        guess = min(guess, coarsest)
+
+    def mesh(spacing: float) -> tuple[Choice, float]:
+        if period is None:
+            return _mesh(x, free_grid(low, high, spacing, setting), tolerance)
+        return _mesh(x, periodic_grid(period, spacing, setting), tolerance)
+
+    found = [mesh(guess)]
+    for factor in (1 / STEP, STEP):
+        for k in range(1, WALK):
+            spacing = guess * factor**k
+            if spacing > coarsest:
+                break
+            found.append(mesh(spacing))
+            choice, step = found[-1]
+            dear = step > 2 * min(t for _, t in found)
+            crowded = factor > 1 and choice.pairs > CROWDED * n
+            if dear or crowded or _grid_bytes(choice.grid) > MEMORY:
+                break
+    return found
+
+
+def fewest_points(setting: Accuracy) -> int:
+    """Rows or columns of a periodic cell: three bands, and no contact met twice."""
+    reach = int(np.ceil(setting.cutoff)) + 1
+    return max(3 * reach, 2 * reach + 8, setting.width + 2)
+
+
+def _grid_bytes(grid: Grid | None) -> float:
+    return 0.0 if grid is None else 30.0 * grid.torus[0] * grid.torus[1]
+
+
+def _mesh(x: Array, grid: Grid, tolerance: float) -> tuple[Choice, float]:
+    """The sum on a grid, and its time per step."""
+    n, width = len(x), grid.accuracy.width
+    pairs = _neighbours(x, grid.cutoff)
+    points = float(grid.torus[0] * grid.torus[1])
+    time = (
+        CALLS
+        + n * (CONTACT + POINT * width**2 + PAIR * pairs)
+        + TRANSFORM * points * np.log2(points)
+    )
+    renewal = RENEWAL_CALLS + n * (RENEWED_CONTACT + RENEWED_PAIR * pairs)
+    slope = n * (SLOPE_CONTACT + SLOPE_PAIR * pairs)
+    memory = _grid_bytes(grid) + n * (100.0 + 16 * width + 12 * ROOM * (pairs + 1))
+    choice = Choice("mesh", n, tolerance, time, memory, "", grid, pairs)
+    return choice, renewal + slope + APPLICATIONS * time
+
+
+def _neighbours(x: Array, cutoff: float) -> float:
+    """How many others lie within the cutoff of a contact, on the mean, from counts in squares."""
+    square = np.floor((x - x.min(axis=0)) / cutoff).astype(np.int64)
+    _, count = np.unique(square[:, 0] * (square[:, 1].max() + 1) + square[:, 1], return_counts=True)
+    return min(np.pi * float((count * (count - 1.0)).sum()) / len(x), len(x) - 1.0)

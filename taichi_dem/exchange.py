@@ -67,6 +67,7 @@ class Exchange:
         self.lagged = substrate.exchange == "lagged"
         self.halfspace = ground_of(substrate)
         self.residual = max(substrate.residual, ROUND_OFF)
+        self._plan: halfspace.Plan | None = None  # of the host's sums, kept from step to step
         soil = substrate.material
         shear = soil.youngs_modulus / (2 * (1 + soil.poissons_ratio))
         self._wave_speed = math.sqrt(shear / soil.density)
@@ -151,11 +152,12 @@ class Exchange:
         n = self.count
         position, overlap, expected, before = np.empty((n, 2)), *np.empty((3, n))
         self._send(n, position, overlap, expected, before)
+        self._plan = self._plan or self.halfspace.plan(position)
         if self.lagged:
-            plan = self.halfspace.plan(position)
-            effective = overlap - plan.apply(before)
+            self._plan.refresh(position)
+            effective = overlap - self._plan.apply(before)
             force = self._host_law(effective)[0]
-            slope = plan.slope(force)
+            slope = self._plan.slope(force)
         else:
             try:
                 result = halfspace.solve(
@@ -165,6 +167,7 @@ class Exchange:
                     self._host_law,
                     residual=self.residual,
                     start=overlap - expected,
+                    plan=self._plan,
                 )
             except halfspace.NotConverged as error:
                 self.control.flags[UNSOLVED] = 1

@@ -147,7 +147,8 @@ def _settle(bed: Bed) -> Bed:
     for _ in range(MOST_ROUNDS):
         with warnings.catch_warnings():  # the step is long, but accuracy is no aim
             warnings.simplefilter("ignore")
-            simulation = dem.Simulation(scene(bed, restitution=0.1), dt=SETTLING_STEP)
+            still = scene(bed, restitution=0.1, exchange="none")  # coupled would take hours
+            simulation = dem.Simulation(still, dt=SETTLING_STEP)
         simulation.run(steps=ROUND)
         bed = replace(bed, position=simulation.particles.position)
         if motion(simulation) < AT_REST:

@@ -8,6 +8,7 @@ import numpy as np
 
 import taichi_dem as dem
 from benchmarks import bed as beds
+from benchmarks.others import undisturbed
 from benchmarks.report import Figure
 
 MOST_STEPS = 4.0  # that a rebuild may cost, at
@@ -19,6 +20,7 @@ FAR = 1e4  # box widths between the two pieces
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-n", "--particles", type=int, default=100_000)
     parser.add_argument("--rounds", type=int, default=5, help="turns of steps and of rebuilds")
+    parser.add_argument("--patience", type=float, default=30.0, help="s to wait for a quiet turn")
     parser.add_argument("--steps", type=int, default=50, help="steps of a turn")
 
 
@@ -36,12 +38,9 @@ def _measure(what: str, bed: beds.Bed, options: argparse.Namespace) -> list[Figu
     simulation.run(steps=options.steps)
     steps, rebuilds = [], []
     for _ in range(options.rounds):
-        start = time.perf_counter()
-        simulation.run(steps=options.steps)
-        middle = time.perf_counter()
-        _rebuild(simulation)
-        steps.append(1e3 * (middle - start) / options.steps)
-        rebuilds.append(1e3 * (time.perf_counter() - middle) / BETWEEN_REORDERS)
+        (step, rebuild), _ = undisturbed(lambda: _turn(simulation, options.steps), options.patience)
+        steps.append(1e3 * step)
+        rebuilds.append(1e3 * rebuild)
     ratios = [rebuild / step for rebuild, step in zip(rebuilds, steps, strict=True)]
     target = {"at_most": MOST_STEPS} if bed.count >= MANY else {}
     grid = "dense" if simulation._engine.grid.dense else "sparse"
@@ -51,6 +50,15 @@ def _measure(what: str, bed: beds.Bed, options: argparse.Namespace) -> list[Figu
         Figure.median(f"{what}: a rebuild", rebuilds, "ms"),
         Figure.median(f"{what}: a rebuild", ratios, "steps", **target),
     ]
+
+
+def _turn(simulation: dem.Simulation, steps: int) -> tuple[float, float]:
+    """Seconds of a step and of a rebuild."""
+    start = time.perf_counter()
+    simulation.run(steps=steps)
+    middle = time.perf_counter()
+    _rebuild(simulation)
+    return (middle - start) / steps, (time.perf_counter() - middle) / BETWEEN_REORDERS
 
 
 def _rebuild(simulation) -> None:

@@ -34,9 +34,9 @@ def settled(bed):
     "arguments",
     [
         ("settled_bed", "-n", str(FEW), "--peers", "--warm-up", "10", "--patience", "0", *QUICK),
-        ("rebuild", "-n", str(FEW), "--rounds", "2", "--steps", "20"),
+        ("rebuild", "-n", str(FEW), "--rounds", "2", "--steps", "20", "--patience", "0"),
         ("memory", "-n", str(2 * FEW)),
-        ("startup", "-n", str(FEW), "--rounds", "1"),
+        ("startup", "-n", str(FEW), "--rounds", "1", "--patience", "0"),
         ("substrate_step", "-n", str(FEW), "-g", str(FEW // 4), *QUICK),
     ],
     ids=lambda arguments: arguments[0],

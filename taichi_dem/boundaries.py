@@ -221,7 +221,7 @@ class Boundaries:
         for q in range(self.pressing_count[None]):
             p = self.pressing[q]
             face = FIRST_FACE - contacts.ends[p].j
-            if contacts.result[p].touching != APART and self.face[face].boundary == b:
+            if contacts.touching[p] != APART and self.face[face].boundary == b:
                 push -= contacts.result[p].force.dot(self.motion[b].direction)
         return push
 

@@ -21,10 +21,8 @@ Result = ti.types.struct(
     force=vec3,  # on i
     couple=vec3,  # normal x tangential force: its torque is -arm * couple on i and on j alike
     half_overlap=real,  # the arm of a sphere is its radius less this
-    touching=ti.i32,  # APART, TOUCHING, or HELD: it was touching when the list was made
+    drag=real,  # of the dashpot at the last step, N
 )
-
-Loss = ti.types.struct(energy=real, drag=real)
 
 
 @ti.data_oriented
@@ -32,11 +30,11 @@ class ContactList:
     """Fields of at most ``capacity`` contacts of ``particles`` particles.
 
     ends         first particle, second particle or body number
-    result       what the contact does to the two
+    touching     APART, TOUCHING, or HELD: it was touching when the list was made
+    result       what the contact does to the two, while it touches
     history      what the laws remember of the contact (absent if they remember nothing)
-    loss         energy that has gone into dashpot and friction so far, what the tangential spring
-                 holds included (J), and the drag (N) of the dashpot at the last step (absent if
-                 nothing dissipates)
+    lost         energy that has gone into dashpot and friction so far, what the tangential spring
+                 holds included, J (absent if nothing dissipates)
     start        (particles + 1) first contact of each first particle
     incidence    contacts of each particle, 2 p, or 2 p + 1 where it is the second, in the order of
                  the partner's id: sums do not depend on the order of the list
@@ -55,7 +53,9 @@ class ContactList:
         self.ends, self.result = Ends.field(), Result.field()
         self.start, self.incidence_start = ti.field(ti.i32), ti.field(ti.i32)
         self.incidence = ti.field(ti.i32)
+        self.touching = ti.field(ti.i32)
         builder.dense(ti.i, capacity).place(self.ends)
+        builder.dense(ti.i, capacity).place(self.touching)
         builder.dense(ti.i, capacity).place(self.result)
         builder.dense(ti.i, particles + 1).place(self.start, self.incidence_start)
         builder.dense(ti.i, 2 * capacity).place(self.incidence)
@@ -70,8 +70,8 @@ class ContactList:
             builder.dense(ti.i, capacity).place(self.history)
             builder.dense(ti.i, capacity).place(self.old_history)
         if dissipates:
-            self.loss = Loss.field()
-            builder.dense(ti.i, capacity).place(self.loss)
+            self.lost = ti.field(real)
+            builder.dense(ti.i, capacity).place(self.lost)
         self.tree = builder.finalize()
 
     def count(self) -> int:

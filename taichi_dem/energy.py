@@ -57,12 +57,12 @@ class Energy:
                 sums[4] -= 0.5 * ground.force * ground.expansion
         ti.loop_config(serialize=True)
         for p in range(self.contacts.start[self.particles.count]):
-            if self.contacts.result[p].touching != APART:
+            if self.contacts.touching[p] != APART:
                 stored = self.forces.stored(p)
                 sums[2] += stored[0]
                 sums[3] += stored[1]
             if ti.static(self.contacts.dissipates):
-                sums[5] += self.contacts.loss[p].energy
+                sums[5] += self.contacts.lost[p]
 
     @ti.kernel
     def loss(self, take: ti.i32) -> ti.f64:
@@ -72,7 +72,7 @@ class Energy:
         ti.loop_config(serialize=True)
         for p in range(self.contacts.start[self.particles.count]):
             if ti.static(self.contacts.dissipates):
-                total += self.contacts.loss[p].energy
+                total += self.contacts.lost[p]
                 if take != 0:
-                    self.contacts.loss[p].energy = 0.0
+                    self.contacts.lost[p] = 0.0
         return total

@@ -78,7 +78,7 @@ class Forces:
         surface_spin, mean_spin = vec3(0.0), 0.5 * spin.omega
         radius, mass = body.radius, 0.0
         smaller, material = body.radius, 0
-        touched = self.contacts.result[p].touching != APART
+        touched = self.contacts.touching[p] != APART
         if j >= 0:
             partner = self.particles.body[j]
             separation = body.position - partner.position
@@ -156,7 +156,7 @@ class Forces:
         self.contacts.result[p].force = force
         self.contacts.result[p].couple = contact.normal.cross(friction)
         self.contacts.result[p].half_overlap = 0.5 * contact.overlap
-        self.contacts.result[p].touching = TOUCHING
+        self.contacts.touching[p] = TOUCHING
 
     @ti.func
     def open(self, p, contact):
@@ -165,23 +165,23 @@ class Forces:
             self.book(p, contact, 0.0, vec3(0.0))
         if ti.static(self.contacts.has_history):
             self.contacts.history[p] = self.contacts.History()
-        self.contacts.result[p].touching = APART
+        self.contacts.touching[p] = APART
 
     @ti.func
     def book(self, p, contact, drag, friction):
         """The work of dashpot and friction over the step that led here, by the trapezoidal rule
         that makes Verlet's own work exact: mean force of the two ends, velocity between them."""
         drag_before, friction_before = 0.0, vec3(0.0)
-        if self.contacts.result[p].touching == HELD:  # forces are not carried over: take these
+        if self.contacts.touching[p] == HELD:  # forces are not carried over: take these
             drag_before, friction_before = drag, friction
-        elif self.contacts.result[p].touching == TOUCHING:
-            drag_before = self.contacts.loss[p].drag
+        elif self.contacts.touching[p] == TOUCHING:
+            drag_before = self.contacts.result[p].drag
             friction_before = self.contacts.result[p].couple.cross(contact.normal)
         power = (drag_before + drag) * contact.normal_velocity - (friction_before + friction).dot(
             contact.tangential_velocity
         )
-        self.contacts.loss[p].energy += 0.5 * contact.time_step * power
-        self.contacts.loss[p].drag = drag
+        self.contacts.lost[p] += 0.5 * contact.time_step * power
+        self.contacts.result[p].drag = drag
 
     @ti.func
     def stored(self, p):
@@ -214,7 +214,7 @@ class Forces:
         for q in range(self.contacts.incidence_start[i], self.contacts.incidence_start[i + 1]):
             entry = self.contacts.incidence[q]
             p = entry >> 1
-            if self.contacts.result[p].touching != APART:
+            if self.contacts.touching[p] != APART:
                 if entry & 1 == 1:
                     force -= self.contacts.result[p].force
                 else:

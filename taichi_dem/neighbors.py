@@ -46,7 +46,7 @@ class Neighbors:
             self.contacts.old_end[row] = self.contacts.start[i + 1] * remember
         for p in range(self.contacts.start[self.particles.count]):
             self.contacts.old_partner[p] = self.name_of(self.contacts.ends[p].j)
-            self.contacts.old_touching[p] = self.contacts.result[p].touching
+            self.contacts.old_touching[p] = self.contacts.touching[p]
             if ti.static(self.contacts.has_history):
                 self.contacts.old_history[p] = self.contacts.history[p]
 
@@ -63,13 +63,13 @@ class Neighbors:
         """What is on file for contact ``p``, or nothing."""
         row = self.particles.spin[self.contacts.ends[p].i].id
         partner = self.name_of(self.contacts.ends[p].j)
-        self.contacts.result[p].touching = APART
+        self.contacts.touching[p] = APART
         if ti.static(self.contacts.has_history):
             self.contacts.history[p] = self.contacts.History()
         for old in range(self.contacts.old_start[row], self.contacts.old_end[row]):
             if self.contacts.old_partner[old] == partner:
                 if self.contacts.old_touching[old] != APART:
-                    self.contacts.result[p].touching = HELD
+                    self.contacts.touching[p] = HELD
                 if ti.static(self.contacts.has_history):
                     self.contacts.history[p] = self.contacts.old_history[old]
 

@@ -79,7 +79,7 @@ def _copy_contacts(
     for row in range(particles.count):
         i = particles.index_of[row]
         for p in range(contacts.start[i], contacts.start[i + 1]):
-            if contacts.result[p].touching != APART:
+            if contacts.touching[p] != APART:
                 j = contacts.ends[p].j
                 ends[found, 0] = row
                 ends[found, 1] = particles.spin[j].id if j >= 0 else j

@@ -59,9 +59,9 @@ class ContactList:
         builder.dense(ti.i, capacity).place(self.result)
         builder.dense(ti.i, particles + 1).place(self.start, self.incidence_start)
         builder.dense(ti.i, 2 * capacity).place(self.incidence)
-        self.old_partner, self.old_touching = ti.field(ti.i32), ti.field(ti.i32)
         self.old_start, self.old_end = ti.field(ti.i32), ti.field(ti.i32)
-        builder.dense(ti.i, capacity).place(self.old_partner, self.old_touching)
+        self.old_partner = ti.field(ti.i32)
+        builder.dense(ti.i, capacity).place(self.old_partner)
         builder.dense(ti.i, particles).place(self.old_start, self.old_end)
         # Without history the laws still get a struct, which the compiler drops.
         self.History = ti.types.struct(**(history or {"nothing": ti.i32}))
@@ -95,6 +95,6 @@ def _copy_file(old: ti.template(), new: ti.template()):
     for i in range(old.particles):
         new.old_start[i], new.old_end[i] = old.old_start[i], old.old_end[i]
     for p in range(old.capacity):
-        new.old_partner[p], new.old_touching[p] = old.old_partner[p], old.old_touching[p]
+        new.old_partner[p] = old.old_partner[p]
         if ti.static(old.has_history):
             new.old_history[p] = old.old_history[p]

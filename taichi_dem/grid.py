@@ -10,11 +10,13 @@ import math
 import numpy as np
 
 from taichi_dem.particles import Particles
-from taichi_dem.types import real, ti
+from taichi_dem.types import real, ti, vec3
 
 BLOCK = 4  # cells per block and axis
 MOST_SPARSE_BLOCKS = 2**18  # pointers, 8 bytes each
 DENSE_CELLS_PER_PARTICLE = 16  # up to here a dense tree costs less than pointers
+
+Near = ti.types.struct(position=vec3, radius=real)
 
 
 @ti.data_oriented
@@ -41,10 +43,13 @@ class Grid:
         self.block.place(self.block_population)
         self.block.dense(ti.ijk, BLOCK).place(self.population, self.end)
 
-        self.particle = ti.field(ti.i32)
+        self.particle, self.rank = ti.field(ti.i32), ti.field(ti.i32)
+        self.near = Near.field()
         self.cell = ti.Vector.field(3, ti.i32)
         self.occupied, self.left = ti.Vector.field(3, ti.i32), ti.Vector.field(3, ti.i32)
         builder.dense(ti.i, n).place(self.particle)
+        builder.dense(ti.i, n).place(self.rank)
+        builder.dense(ti.i, n).place(self.near)
         builder.dense(ti.i, n).place(self.cell)
         builder.dense(ti.i, n).place(self.occupied, self.left)
         self.occupied_count, self.cell_size = ti.field(ti.i32), ti.field(real)
@@ -73,6 +78,11 @@ class Grid:
             self._clear()
             self._count()
             self._place()
+        for s in range(self.particles.count):
+            i = self.particle[s]
+            body = self.particles.body[i]
+            self.near[s].position, self.near[s].radius = body.position, body.radius
+            self.rank[s] = self.particles.rank[self.particles.spin[i].id]
 
     @ti.func
     def _clear(self):
@@ -83,6 +93,7 @@ class Grid:
             self.block_population[block] = 0
             for cell in ti.grouped(ti.ndrange(BLOCK, BLOCK, BLOCK)):
                 self.population[BLOCK * block + cell] = 0
+                self.end[BLOCK * block + cell] = 0
 
     @ti.func
     def _count(self):

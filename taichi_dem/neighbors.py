@@ -7,7 +7,7 @@ one finds its many small partners, and no small one has to look far.
 from taichi_dem.boundaries import Boundaries
 from taichi_dem.contact_list import APART, FIRST_FACE, HELD, SUBSTRATE, ContactList
 from taichi_dem.control import Control
-from taichi_dem.grid import Grid
+from taichi_dem.grid import BLOCK, Grid
 from taichi_dem.particles import Particles
 from taichi_dem.types import ti
 
@@ -38,17 +38,19 @@ class Neighbors:
 
     @ti.kernel
     def save(self, remember: ti.i32):
-        """File every contact's history under the ids of its bodies, before anything moves (or,
-        unless it is to ``remember``, file nothing)."""
+        """File what the touching contacts remember under the ids of their bodies, before anything
+        moves (or, unless it is to ``remember``, file nothing)."""
         for i in range(self.particles.count):
+            filed = self.contacts.start[i]
             row = self.particles.spin[i].id
-            self.contacts.old_start[row] = self.contacts.start[i]
-            self.contacts.old_end[row] = self.contacts.start[i + 1] * remember
-        for p in range(self.contacts.start[self.particles.count]):
-            self.contacts.old_partner[p] = self.name_of(self.contacts.ends[p].j)
-            self.contacts.old_touching[p] = self.contacts.touching[p]
-            if ti.static(self.contacts.has_history):
-                self.contacts.old_history[p] = self.contacts.history[p]
+            self.contacts.old_start[row] = filed
+            for p in range(filed, self.contacts.start[i + 1]):
+                if self.contacts.touching[p] != APART and remember != 0:
+                    self.contacts.old_partner[filed] = self.name_of(self.contacts.ends[p].j)
+                    if ti.static(self.contacts.has_history):
+                        self.contacts.old_history[filed] = self.contacts.history[p]
+                    filed += 1
+            self.contacts.old_end[row] = filed
 
     @ti.func
     def name_of(self, j):
@@ -59,19 +61,21 @@ class Neighbors:
         return name
 
     @ti.func
-    def recall(self, p):
-        """What is on file for contact ``p``, or nothing."""
-        row = self.particles.spin[self.contacts.ends[p].i].id
-        partner = self.name_of(self.contacts.ends[p].j)
-        self.contacts.touching[p] = APART
+    def recall(self, p, j, first, end):
+        """What is on file between ``first`` and ``end`` for contact ``p`` with ``j``, if anything."""
+        touching, found = APART, first
+        if first < end:
+            partner = self.name_of(j)
+            while found < end and self.contacts.old_partner[found] != partner:
+                found += 1
+            if found < end:
+                touching = HELD
+        self.contacts.touching[p] = touching
         if ti.static(self.contacts.has_history):
-            self.contacts.history[p] = self.contacts.History()
-        for old in range(self.contacts.old_start[row], self.contacts.old_end[row]):
-            if self.contacts.old_partner[old] == partner:
-                if self.contacts.old_touching[old] != APART:
-                    self.contacts.touching[p] = HELD
-                if ti.static(self.contacts.has_history):
-                    self.contacts.history[p] = self.contacts.old_history[old]
+            if touching == APART:
+                self.contacts.history[p] = self.contacts.History()
+            else:
+                self.contacts.history[p] = self.contacts.old_history[found]
 
     # -- search ----------------------------------------------------------------------------------
 
@@ -83,14 +87,16 @@ class Neighbors:
         :meth:`fill`; only a particle with more partners than its share of it searches again there.
         """
         ti.loop_config(serialize=self.serial)
-        for i in range(self.particles.count):
+        for s in range(self.particles.count):
+            i = self.grid.particle[s]
             self.contacts.start[i] = self.search(
-                i, self.contacts.incidence, i * self.room, self.room
+                s, i, self.contacts.incidence, i * self.room, self.room
             )
         total = 0
         ti.loop_config(serialize=True)
         for i in range(self.particles.count):
             own = self.contacts.start[i]
+            self.contacts.incidence_start[i] = own
             self.contacts.start[i] = total
             total += own
         self.contacts.start[self.particles.count] = total
@@ -100,67 +106,76 @@ class Neighbors:
     def fill(self):
         """List the contacts, recall their history, and say for each particle which it is in."""
         ti.loop_config(serialize=self.serial)
-        for i in range(self.particles.count):
+        for s in range(self.particles.count):
+            i = self.grid.particle[s]
             first, end = self.contacts.start[i], self.contacts.start[i + 1]
             self.particles.reference[i] = self.particles.body[i].position
             if end - first > self.room:
-                self.search(i, self.contacts.ends.j, first, end - first)
+                self.search(s, i, self.contacts.ends.j, first, end - first)
             else:
                 for p in range(first, end):
                     self.contacts.ends[p].j = self.contacts.incidence[i * self.room + p - first]
+            row = self.particles.spin[i].id
+            filed, filed_end = self.contacts.old_start[row], self.contacts.old_end[row]
             for p in range(first, end):
                 self.contacts.ends[p].i = i
-                self.recall(p)
+                j = self.contacts.ends[p].j
+                self.recall(p, j, filed, filed_end)
+                if j >= 0:
+                    ti.atomic_add(self.contacts.incidence_start[j], 1)
+        total = 0
         ti.loop_config(serialize=True)
-        for _ in range(1):
-            self.incident()
+        for i in range(self.particles.count):
+            total += self.contacts.incidence_start[i]
+            self.contacts.incidence_start[i] = total
+        self.contacts.incidence_start[self.particles.count] = total
+        ti.loop_config(serialize=self.serial)
+        for i in range(self.particles.count):
+            self.enter(i)
         ti.loop_config(serialize=self.serial)
         for i in range(self.particles.count):
             self.sort_incident(i)
 
     @ti.func
-    def search(self, i, found: ti.template(), first, room):
-        """Count the partners of ``i``, and write the first ``room`` of them from ``first`` on."""
-        body, skin = self.particles.body[i], self.control.skin[None]
+    def search(self, s, i, found: ti.template(), first, room):
+        """Count the partners of ``i``, which is at place ``s`` in the cells, and write the first
+        ``room`` of them from ``first`` on."""
+        near, ranks = ti.static(self.grid.near, self.grid.rank)
+        skin = self.control.skin[None]
+        position, radius, rank = near[s].position, near[s].radius, ranks[s]
         mask = ti.Vector(self.grid.mask)
-        reach = ti.cast(ti.ceil((2 * body.radius + skin) / self.grid.cell_size[None]), ti.i32)
+        reach = ti.cast(ti.ceil((2 * radius + skin) / self.grid.cell_size[None]), ti.i32)
         corner = self.grid.cell[i] - reach
         width = ti.min(2 * reach + 1, mask + 1)  # each cell once, however small the grid
-        number = 0
-        for x in range(width[0]):
-            for y in range(width[1]):
-                for z in range(width[2]):
-                    cell = (corner + ti.Vector([x, y, z])) & mask
-                    population = self.grid.population[cell]
-                    end = self.grid.end[cell]
-                    for s in range(end - population, end):
-                        j = self.grid.particle[s]
-                        other = self.particles.body[j]
-                        apart = body.position - other.position
-                        limit = body.radius + other.radius + skin
-                        if apart.dot(apart) < limit * limit and self.looks_for(i, j):
+        own = radius + skin
+        number, z, left = 0, corner[2], width[2]
+        while left > 0:  # a row of cells along z lies in one piece as far as its block goes
+            z &= mask[2]
+            piece = ti.min(left, BLOCK - z % BLOCK)
+            for x in range(corner[0], corner[0] + width[0]):
+                for y in range(corner[1], corner[1] + width[1]):
+                    low = ti.Vector([x & mask[0], y & mask[1], z])
+                    begin = self.grid.end[low] - self.grid.population[low]
+                    for t in range(begin, self.grid.end[low + ti.Vector([0, 0, piece - 1])]):
+                        apart = position - near[t].position
+                        limit = own + near[t].radius
+                        if apart.dot(apart) < limit * limit and ranks[t] < rank:
                             if number < room:
-                                found[first + number] = j
+                                found[first + number] = self.grid.particle[t]
                             number += 1
+            z += piece
+            left -= piece
         for wall in range(self.walls):
-            if self.height_above(wall, body.position) < body.radius + skin:
+            if self.height_above(wall, position) < own:
                 if number < room:
                     found[first + number] = FIRST_FACE - wall
                 number += 1
         if ti.static(self.has_substrate):
-            if body.position[2] < body.radius + skin:
+            if position[2] < own:
                 if number < room:
                     found[first + number] = SUBSTRATE
                 number += 1
         return number
-
-    @ti.func
-    def looks_for(self, i, j):
-        """Whether ``i`` is the one of the two that finds the other."""
-        mine, other = self.particles.body[i].radius, self.particles.body[j].radius
-        return other < mine or (
-            other == mine and self.particles.spin[j].id < self.particles.spin[i].id
-        )
 
     @ti.func
     def height_above(self, wall, position):
@@ -170,30 +185,17 @@ class Neighbors:
     # -- who is in which contact -----------------------------------------------------------------
 
     @ti.func
-    def incident(self):
-        """The incidence list, by counting."""
-        n = self.particles.count
-        for i in range(n + 1):
-            self.contacts.incidence_start[i] = 0
-        for p in range(self.contacts.start[n]):
-            self.contacts.incidence_start[self.contacts.ends[p].i] += 1
-            if self.contacts.ends[p].j >= 0:
-                self.contacts.incidence_start[self.contacts.ends[p].j] += 1
-        total = 0
-        for i in range(n + 1):
-            total += self.contacts.incidence_start[i]
-            self.contacts.incidence_start[i] = total
-        for p in range(self.contacts.start[n]):
-            self.enter(self.contacts.ends[p].i, 2 * p)
-            if self.contacts.ends[p].j >= 0:
-                self.enter(self.contacts.ends[p].j, 2 * p + 1)
-
-    @ti.func
-    def enter(self, i, entry):
-        """Starts are the ends of their range at first, and move down as it fills."""
-        place = self.contacts.incidence_start[i] - 1
-        self.contacts.incidence_start[i] = place
-        self.contacts.incidence[place] = entry
+    def enter(self, i):
+        """Enter the contacts of ``i`` with its partners and with itself.  Starts are the ends of
+        their range at first, and move down as it fills, in the order in which the threads come."""
+        incidence, starts = ti.static(self.contacts.incidence, self.contacts.incidence_start)
+        first, end = self.contacts.start[i], self.contacts.start[i + 1]
+        place = ti.atomic_sub(starts[i], end - first) - (end - first)
+        for p in range(first, end):
+            incidence[place + p - first] = 2 * p
+            j = self.contacts.ends[p].j
+            if j >= 0:
+                incidence[ti.atomic_sub(starts[j], 1) - 1] = 2 * p + 1
 
     @ti.func
     def partner(self, entry):

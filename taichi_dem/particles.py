@@ -31,7 +31,9 @@ class Particles:
         for field in (self.body, self.spin, self.load, self._sorted_body, self._sorted_spin):
             builder.dense(ti.i, self.count).place(field)
         self.index_of, self.reference = ti.field(ti.i32), ti.Vector.field(3, real)
+        self.rank = ti.field(ti.i32)
         builder.dense(ti.i, self.count).place(self.index_of)
+        builder.dense(ti.i, self.count).place(self.rank)
         builder.dense(ti.i, self.count).place(self.reference)
         self._initial = (spheres, mass, material)
 
@@ -46,6 +48,9 @@ class Particles:
             1 / mass,
             np.ascontiguousarray(material, np.int32),
         )
+        rank = np.empty(self.count, np.int32)
+        rank[np.argsort(spheres.radius, kind="stable")] = np.arange(self.count)
+        self.rank.from_numpy(rank)
 
     @ti.kernel
     def _fill(

@@ -38,6 +38,7 @@ class ContactList:
     start        (particles + 1) first contact of each first particle
     incidence    contacts of each particle, 2 p, or 2 p + 1 where it is the second, in the order of
                  the partner's id: sums do not depend on the order of the list
+    found, name  notes of the one who makes the list, ``room`` for each particle
     """
 
     def __init__(
@@ -59,6 +60,10 @@ class ContactList:
         builder.dense(ti.i, capacity).place(self.result)
         builder.dense(ti.i, particles + 1).place(self.start, self.incidence_start)
         builder.dense(ti.i, 2 * capacity).place(self.incidence)
+        self.room = 3 * capacity // particles
+        self.found, self.name = ti.field(ti.i32), ti.field(ti.i32)
+        builder.dense(ti.i, 3 * capacity).place(self.found)
+        builder.dense(ti.i, 2 * capacity).place(self.name)
         self.old_start, self.old_end = ti.field(ti.i32), ti.field(ti.i32)
         self.old_partner = ti.field(ti.i32)
         builder.dense(ti.i, capacity).place(self.old_partner)

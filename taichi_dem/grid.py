@@ -1,7 +1,8 @@
 """Cells in a dense or a sparse tree, and the particles sorted into them.
 
-Both layouts have two levels, blocks of 4 x 4 x 4 cells, and run under the same kernels; in the
-sparse one a block exists only while something is in it.  Cell numbers wrap around, so the domain
+Both layouts have two levels, blocks of cells, and run under the same kernels; in the sparse one a
+block exists only while something is in it.  Blocks are long in z, where their particles stand one
+after another: a search reads them in few pieces.  Cell numbers wrap around, so the domain
 has no edge: far apart cells may share a slot, which costs a few distance checks and loses nothing.
 """
 
@@ -12,7 +13,8 @@ import numpy as np
 from taichi_dem.particles import Particles
 from taichi_dem.types import real, ti, vec3
 
-BLOCK = 4  # cells per block and axis
+BLOCK = (4, 4, 16)  # cells per block and axis
+CELLS = math.prod(BLOCK)
 MOST_SPARSE_BLOCKS = 2**18  # pointers, 8 bytes each
 DENSE_CELLS_PER_PARTICLE = 16  # up to here a dense tree costs less than pointers
 
@@ -29,11 +31,12 @@ class Grid:
     def __init__(self, particles: Particles, cell_size: float, extent: np.ndarray):
         self.particles = particles
         n = particles.count
-        blocks = [_power_of_two(cells / BLOCK + 1) for cells in extent / cell_size]
-        self.dense = math.prod(blocks) * BLOCK**3 <= DENSE_CELLS_PER_PARTICLE * max(n, 64)
+        blocks = [_power_of_two(cells + 1) for cells in extent / cell_size / BLOCK]
+        self.dense = math.prod(blocks) * CELLS <= DENSE_CELLS_PER_PARTICLE * max(n, 64)
         while math.prod(blocks) > MOST_SPARSE_BLOCKS:
             blocks[int(np.argmax(blocks))] //= 2
-        self.mask = [BLOCK * b - 1 for b in blocks]
+        self.mask = [b * size - 1 for b, size in zip(blocks, BLOCK, strict=True)]
+        self.blocks = blocks
 
         self.block_population = ti.field(ti.i32)
         self.population, self.end = ti.field(ti.i32), ti.field(ti.i32)
@@ -91,9 +94,9 @@ class Grid:
             block = self.occupied[b]
             self.left[b] = block
             self.block_population[block] = 0
-            for cell in ti.grouped(ti.ndrange(BLOCK, BLOCK, BLOCK)):
-                self.population[BLOCK * block + cell] = 0
-                self.end[BLOCK * block + cell] = 0
+            for cell in ti.grouped(ti.ndrange(*BLOCK)):
+                self.population[block * ti.Vector(BLOCK) + cell] = 0
+                self.end[block * ti.Vector(BLOCK) + cell] = 0
 
     @ti.func
     def _count(self):
@@ -101,25 +104,45 @@ class Grid:
         found = 0
         for i in range(self.particles.count):
             cell = self.cell[i]
-            block = cell // BLOCK
+            block = cell // ti.Vector(BLOCK)
             if self.block_population[block] == 0:
                 self.occupied[found] = block
                 found += 1
             self.block_population[block] += 1
             self.population[cell] += 1
         self.occupied_count[0] = found
+        self._line_up()
         if ti.static(not self.dense):
             for b in range(left_count):
                 if self.block_population[self.left[b]] == 0:
                     ti.deactivate(self.block, self.left[b])
 
     @ti.func
+    def _line_up(self):
+        """Shell sort of the occupied blocks by place, so that neighbours are near in memory too."""
+        gap = self.occupied_count[0] // 2
+        while gap > 0:
+            for b in range(gap, self.occupied_count[0]):
+                block, free = self.occupied[b], b
+                while free >= gap and self._before(block, self.occupied[free - gap]):
+                    self.occupied[free] = self.occupied[free - gap]
+                    free -= gap
+                self.occupied[free] = block
+            gap //= 2
+
+    @ti.func
+    def _before(self, one, other):
+        step = ti.Vector([self.blocks[1] * self.blocks[2], self.blocks[2], 1])
+        return (one - other).dot(step) < 0
+
+    @ti.func
     def _place(self):
         placed = 0
         for b in range(self.occupied_count[0]):
-            for cell in ti.grouped(ti.ndrange(BLOCK, BLOCK, BLOCK)):
-                self.end[BLOCK * self.occupied[b] + cell] = placed
-                placed += self.population[BLOCK * self.occupied[b] + cell]
+            for cell in ti.grouped(ti.ndrange(*BLOCK)):
+                at = self.occupied[b] * ti.Vector(BLOCK) + cell
+                self.end[at] = placed
+                placed += self.population[at]
         for i in range(self.particles.count):
             slot = self.end[self.cell[i]]
             self.particle[slot] = i

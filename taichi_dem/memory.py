@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from taichi_dem.engine import Engine
-from taichi_dem.grid import BLOCK, Grid
+from taichi_dem.grid import CELLS, Grid
 from taichi_dem.types import ti
 
 
@@ -42,5 +42,5 @@ def sparse(grid: Grid) -> int:
     whole = size(grid.block_population) + size(grid.population) + size(grid.end)
     pointers = 8 * math.prod(grid.block_population.shape)
     block = size(grid.block_population) // math.prod(grid.block_population.shape)
-    block += BLOCK**3 * (size(grid.population) + size(grid.end)) // math.prod(grid.end.shape)
+    block += CELLS * (size(grid.population) + size(grid.end)) // math.prod(grid.end.shape)
     return fields(grid) - whole + pointers + int(grid.occupied_count[0]) * block

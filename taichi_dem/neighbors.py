@@ -32,7 +32,7 @@ class Neighbors:
         self.control, self.has_substrate = control, has_substrate
         self.walls = boundaries.face_count
         self.serial = particles.count < SERIAL_BELOW
-        self.room = 2 * contacts.capacity // particles.count
+        self.room = contacts.room
 
     # -- history ---------------------------------------------------------------------------------
 
@@ -83,14 +83,14 @@ class Neighbors:
     def count(self) -> ti.i32:
         """Where each particle's contacts will start; returns how many there are.
 
-        What is found is kept in the incidence list, which is not needed before the end of
-        :meth:`fill`; only a particle with more partners than its share of it searches again there.
+        What is found is kept; only a particle with more partners than there is room for searches
+        again in :meth:`fill`.
         """
         ti.loop_config(serialize=self.serial)
         for s in range(self.particles.count):
             i = self.grid.particle[s]
             self.contacts.start[i] = self.search(
-                s, i, self.contacts.incidence, i * self.room, self.room
+                s, i, self.contacts.found, i * self.room, self.room
             )
         total = 0
         ti.loop_config(serialize=True)
@@ -114,7 +114,7 @@ class Neighbors:
                 self.search(s, i, self.contacts.ends.j, first, end - first)
             else:
                 for p in range(first, end):
-                    self.contacts.ends[p].j = self.contacts.incidence[i * self.room + p - first]
+                    self.contacts.ends[p].j = self.contacts.found[i * self.room + p - first]
             row = self.particles.spin[i].id
             filed, filed_end = self.contacts.old_start[row], self.contacts.old_end[row]
             for p in range(first, end):
@@ -151,7 +151,7 @@ class Neighbors:
         number, z, left = 0, corner[2], width[2]
         while left > 0:  # a row of cells along z lies in one piece as far as its block goes
             z &= mask[2]
-            piece = ti.min(left, BLOCK - z % BLOCK)
+            piece = ti.min(left, BLOCK[2] - z % BLOCK[2])
             for x in range(corner[0], corner[0] + width[0]):
                 for y in range(corner[1], corner[1] + width[1]):
                     low = ti.Vector([x & mask[0], y & mask[1], z])
@@ -159,10 +159,10 @@ class Neighbors:
                     for t in range(begin, self.grid.end[low + ti.Vector([0, 0, piece - 1])]):
                         apart = position - near[t].position
                         limit = own + near[t].radius
-                        if apart.dot(apart) < limit * limit and ranks[t] < rank:
-                            if number < room:
-                                found[first + number] = self.grid.particle[t]
-                            number += 1
+                        # A guess is cheaper than a branch: what does not count is overwritten.
+                        if number < room:
+                            found[first + number] = self.grid.particle[t]
+                        number += (apart.dot(apart) < limit * limit) & (ranks[t] < rank)
             z += piece
             left -= piece
         for wall in range(self.walls):
@@ -186,35 +186,28 @@ class Neighbors:
 
     @ti.func
     def enter(self, i):
-        """Enter the contacts of ``i`` with its partners and with itself.  Starts are the ends of
+        """Note the contacts of ``i`` with its partners and with itself.  Starts are the ends of
         their range at first, and move down as it fills, in the order in which the threads come."""
-        incidence, starts = ti.static(self.contacts.incidence, self.contacts.incidence_start)
+        notes, names, starts = ti.static(
+            self.contacts.found, self.contacts.name, self.contacts.incidence_start
+        )
         first, end = self.contacts.start[i], self.contacts.start[i + 1]
-        place = ti.atomic_sub(starts[i], end - first) - (end - first)
+        own, own_name = ti.atomic_sub(starts[i], end - first) - (end - first), self.name_of(i)
         for p in range(first, end):
-            incidence[place + p - first] = 2 * p
             j = self.contacts.ends[p].j
+            notes[own + p - first], names[own + p - first] = 2 * p, self.name_of(j)
             if j >= 0:
-                incidence[ti.atomic_sub(starts[j], 1) - 1] = 2 * p + 1
-
-    @ti.func
-    def partner(self, entry):
-        ends, name = self.contacts.ends[entry >> 1], 0
-        if entry & 1 == 1:
-            name = self.name_of(ends.i)
-        else:
-            name = self.name_of(ends.j)
-        return name
+                place = ti.atomic_sub(starts[j], 1) - 1
+                notes[place], names[place] = 2 * p + 1, own_name
 
     @ti.func
     def sort_incident(self, i):
-        """Insertion sort by the partner's name: the order of summation is the scene's own."""
-        incidence = ti.static(self.contacts.incidence)
-        starts = ti.static(self.contacts.incidence_start)
-        for q in range(starts[i] + 1, starts[i + 1]):
-            entry = incidence[q]
-            name, place = self.partner(entry), q
-            while place > starts[i] and self.partner(incidence[place - 1]) > name:
-                incidence[place] = incidence[place - 1]
-                place -= 1
-            incidence[place] = entry
+        """Sort the notes by the partner's name: the order of summation is the scene's own.  (Each
+        is put in its place by counting those before it: no branch to mispredict.)"""
+        names = ti.static(self.contacts.name)
+        first, end = self.contacts.incidence_start[i], self.contacts.incidence_start[i + 1]
+        for q in range(first, end):
+            place, name = first, names[q]
+            for other in range(first, end):
+                place += names[other] < name
+            self.contacts.incidence[place] = self.contacts.found[q]

@@ -8,6 +8,7 @@ from setups import GLASS, law, restart, scene, skin_held_at, state
 import taichi_dem as dem
 from taichi_dem import engine as engine_module
 from taichi_dem.contact_list import FIRST_FACE, SUBSTRATE
+from taichi_dem.grid import BLOCK
 from taichi_dem.types import ti
 
 R, N = 1e-3, 300
@@ -223,7 +224,7 @@ def active_blocks(grid: ti.template()) -> ti.i32:
 
 def occupied_blocks(sim):
     """Blocks of cells that hold a particle, counted from the positions."""
-    size = 4 * sim._engine.grid.cell_size[None]
+    size = np.multiply(BLOCK, sim._engine.grid.cell_size[None])
     return len(np.unique(np.floor(sim.particles.position / size), axis=0))
 
 

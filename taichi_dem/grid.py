@@ -13,7 +13,7 @@ import numpy as np
 from taichi_dem.particles import Particles
 from taichi_dem.types import real, ti, vec3
 
-BLOCK = (4, 4, 16)  # cells per block and axis
+BLOCK = (2, 2, 16)  # cells per block and axis
 CELLS = math.prod(BLOCK)
 MOST_SPARSE_BLOCKS = 2**18  # pointers, 8 bytes each
 DENSE_CELLS_PER_PARTICLE = 16  # up to here a dense tree costs less than pointers
@@ -74,6 +74,7 @@ class Grid:
     def sort(self):
         """Counting sort of the particles by cell, in one serial task: deterministic, and a
         fraction of the cost of the search that follows."""
+        ti.loop_config(serialize=self.particles.few)
         for i in range(self.particles.count):
             self.cell[i] = self.cell_at(self.particles.body[i].position)
         ti.loop_config(serialize=True)
@@ -81,6 +82,7 @@ class Grid:
             self._clear()
             self._count()
             self._place()
+        ti.loop_config(serialize=self.particles.few)
         for s in range(self.particles.count):
             i = self.particle[s]
             body = self.particles.body[i]

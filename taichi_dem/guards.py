@@ -28,15 +28,15 @@ class SimulationStopped(RuntimeError):
 @ti.kernel
 def first_offender(particles: ti.template(), time_step: real) -> ti.i32:
     """The first id whose numbers are not finite or which moves too far in a step, or -1."""
-    offender = -1
-    ti.loop_config(serialize=True)
-    for row in range(particles.count):
-        body = particles.body[particles.index_of[row]]
+    offender = particles.count
+    ti.loop_config(serialize=particles.few)
+    for i in range(particles.count):
+        body = particles.body[i]
         step = time_step * body.velocity.norm()
         finite = body.position.norm() < math.inf
-        if offender < 0 and not (finite and step < FARTHEST_STEP * body.radius):
-            offender = row
-    return offender
+        if not (finite and step < FARTHEST_STEP * body.radius):
+            ti.atomic_min(offender, particles.spin[i].id)
+    return offender if offender < particles.count else -1
 
 
 def describe_offender(particles: Particles, row: int, time_step: float) -> str:

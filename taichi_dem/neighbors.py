@@ -11,7 +11,6 @@ from taichi_dem.grid import BLOCK, Grid
 from taichi_dem.particles import Particles
 from taichi_dem.types import ti
 
-SERIAL_BELOW = 1000  # particles: waking the threads would cost more than they save
 
 
 @ti.data_oriented
@@ -31,7 +30,6 @@ class Neighbors:
         self.contacts, self.grid = contacts, grid
         self.control, self.has_substrate = control, has_substrate
         self.walls = boundaries.face_count
-        self.serial = particles.count < SERIAL_BELOW
         self.room = contacts.room
 
     # -- history ---------------------------------------------------------------------------------
@@ -40,6 +38,7 @@ class Neighbors:
     def save(self, remember: ti.i32):
         """File what the touching contacts remember under the ids of their bodies, before anything
         moves (or, unless it is to ``remember``, file nothing)."""
+        ti.loop_config(serialize=self.particles.few)
         for i in range(self.particles.count):
             filed = self.contacts.start[i]
             row = self.particles.spin[i].id
@@ -86,7 +85,7 @@ class Neighbors:
         What is found is kept; only a particle with more partners than there is room for searches
         again in :meth:`fill`.
         """
-        ti.loop_config(serialize=self.serial)
+        ti.loop_config(serialize=self.particles.few)
         for s in range(self.particles.count):
             i = self.grid.particle[s]
             self.contacts.start[i] = self.search(
@@ -105,7 +104,7 @@ class Neighbors:
     @ti.kernel
     def fill(self):
         """List the contacts, recall their history, and say for each particle which it is in."""
-        ti.loop_config(serialize=self.serial)
+        ti.loop_config(serialize=self.particles.few)
         for s in range(self.particles.count):
             i = self.grid.particle[s]
             first, end = self.contacts.start[i], self.contacts.start[i + 1]
@@ -129,10 +128,10 @@ class Neighbors:
             total += self.contacts.incidence_start[i]
             self.contacts.incidence_start[i] = total
         self.contacts.incidence_start[self.particles.count] = total
-        ti.loop_config(serialize=self.serial)
+        ti.loop_config(serialize=self.particles.few)
         for i in range(self.particles.count):
             self.enter(i)
-        ti.loop_config(serialize=self.serial)
+        ti.loop_config(serialize=self.particles.few)
         for i in range(self.particles.count):
             self.sort_incident(i)
 

@@ -10,6 +10,8 @@ Body = ti.types.struct(position=vec3, radius=real, velocity=vec3, inverse_mass=r
 Spin = ti.types.struct(omega=vec3, material=ti.i32, id=ti.i32)
 Load = ti.types.struct(force=vec3, torque=vec3)
 
+FEW = 3000  # for these, to wake the threads costs a rebuild more than they save
+
 
 @ti.data_oriented
 class Particles:
@@ -18,6 +20,7 @@ class Particles:
     body  position (m), radius (m), velocity (m/s), inverse mass (1/kg)
     spin  angular velocity (rad/s), material index, id
     load  contact force (N) and torque (N m) at the end of the last step
+    rank       by id, place in the order of size, of equals in that of their ids
     index_of   where the particle of an id is now
     reference  position when the contact list was made (m)
     """
@@ -26,6 +29,7 @@ class Particles:
         self, spheres: Spheres, mass: np.ndarray, material: np.ndarray, builder: "ti.FieldsBuilder"
     ):
         self.count = spheres.count
+        self.few = spheres.count < FEW
         self.body, self.spin, self.load = Body.field(), Spin.field(), Load.field()
         self._sorted_body, self._sorted_spin = Body.field(), Spin.field()
         for field in (self.body, self.spin, self.load, self._sorted_body, self._sorted_spin):

@@ -21,6 +21,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-n", "--particles", type=int, default=100_000)
     parser.add_argument("--rounds", type=int, default=5, help="turns of steps and of rebuilds")
     parser.add_argument("--patience", type=float, default=30.0, help="s to wait for a quiet turn")
+    parser.add_argument("--warm-up", type=int, default=400, help="untimed steps")
     parser.add_argument("--steps", type=int, default=50, help="steps of a turn")
 
 
@@ -32,10 +33,10 @@ def run(options: argparse.Namespace) -> list[Figure]:
 
 def _measure(what: str, bed: beds.Bed, options: argparse.Namespace) -> list[Figure]:
     simulation = dem.Simulation(beds.scene(bed), dt=beds.TIME_STEP)
-    # A rebuild right after another would tell the skin that lists go stale at once.
-    simulation._engine.skin.rebuilt = lambda step: False
+    simulation.run(steps=options.warm_up)
+    skin = simulation._engine.skin  # which has become as thin as it does at rest, and is to stay
+    skin._least = skin._most = skin.width
     _rebuild(simulation)
-    simulation.run(steps=options.steps)
     steps, rebuilds = [], []
     for _ in range(options.rounds):
         (step, rebuild), _ = undisturbed(lambda: _turn(simulation, options.steps), options.patience)

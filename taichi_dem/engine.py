@@ -94,14 +94,17 @@ class Engine:
     def advance(self, steps: int) -> None:
         """Make ``steps`` >= 1 steps of velocity Verlet: half kick, drift, forces, half kick."""
         self._keep_good_state()
+        step = self.step + 1
+        last = step + steps - 1
         self.drivers.begin()
-        left = steps - 1
         while True:
             self._answer()
+            if step >= self.skin.review:
+                self.rebuild()
             self._solve_on_host()
-            if left == 0:
+            if step == last:
                 break
-            left -= self._make_steps(left)
+            step += self._make_steps(min(last, self.skin.review) - step)
         self.drivers.evaluate(self.time_step)
         self.drivers.finish()
         self._answer()

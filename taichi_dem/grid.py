@@ -31,7 +31,7 @@ class Grid:
     def __init__(self, particles: Particles, cell_size: float, extent: np.ndarray):
         self.particles = particles
         n = particles.count
-        blocks = [_power_of_two(cells + 1) for cells in extent / cell_size / BLOCK]
+        blocks = [_power_of_two(cells) for cells in (extent / cell_size + 1) / BLOCK]
         self.dense = math.prod(blocks) * CELLS <= DENSE_CELLS_PER_PARTICLE * max(n, 64)
         while math.prod(blocks) > MOST_SPARSE_BLOCKS:
             blocks[int(np.argmax(blocks))] //= 2

@@ -9,21 +9,28 @@ SERIAL_BELOW = 2000  # particles: threads never pay
 PARALLEL_ABOVE = 200_000  # they always do
 TRIAL_STEPS = 20
 CALLS_PER_TRIAL = 300
+NEVER = 2**62  # steps
 
 
 class Skin:
     """How far beyond touching the contact list reaches.
 
     A thick skin makes the list long, a thin one makes it stale soon.  The width follows from how
-    many steps the lists have lasted: counts, so that every run does the same.
+    many steps the lists have lasted: counts, so that every run does the same.  At the step
+    ``review`` a list has lasted so long that a thinner skin pays, though it is not stale.
     """
 
     def __init__(self, radius: np.ndarray):
         diameter = 2 * float(np.quantile(radius, 0.1))
-        self.width, self._least, self._most = 0.1 * diameter, 0.04 * diameter, 0.4 * diameter
+        self.width, self._least, self._most = 0.1 * diameter, 0.02 * diameter, 0.4 * diameter
         cost = 4 + 3000 / len(radius)  # of a rebuild, in steps
-        self._short, self._long = 8 * cost, 40 * cost
+        self._short, self._long = round(8 * cost), round(24 * cost)
         self._built_at = 0
+
+    @property
+    def review(self) -> int:
+        """The step at which the list is to be made anew even if it is not stale."""
+        return self._built_at + self._long if self.width > self._least else NEVER
 
     def start_again(self, step: int) -> None:
         """The simulation went back to ``step``."""
@@ -32,10 +39,10 @@ class Skin:
     def rebuilt(self, step: int) -> bool:
         """Note a rebuild at ``step``; whether the width has changed."""
         lasted, self._built_at, before = step - self._built_at, step, self.width
-        if lasted < self._short:
+        if 0 < lasted < self._short:
             self.width = min(1.25 * self.width, self._most)
-        elif lasted > self._long:
-            self.width = max(self.width / 1.25, self._least)
+        elif lasted >= self._long:
+            self.width = max(0.5 * self.width, self._least)
         return self.width != before
 
 

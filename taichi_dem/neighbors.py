@@ -12,7 +12,6 @@ from taichi_dem.particles import Particles
 from taichi_dem.types import ti
 
 
-
 @ti.data_oriented
 class Neighbors:
     """Builds ``contacts`` from where the particles are, carrying their history over."""
@@ -61,7 +60,7 @@ class Neighbors:
 
     @ti.func
     def recall(self, p, j, first, end):
-        """What is on file between ``first`` and ``end`` for contact ``p`` with ``j``, if anything."""
+        """What is on file from ``first`` to ``end`` for contact ``p`` with ``j``, if anything."""
         touching, found = APART, first
         if first < end:
             partner = self.name_of(j)

@@ -150,6 +150,21 @@ def test_a_single_sphere_has_nobody():
     assert sim.particles.position[0, 2] - 3 == pytest.approx(fallen, rel=1e-9)
 
 
+def test_blocks_of_cells_stand_in_the_order_of_place(cloud):
+    """Whatever the order of the spheres; what a search reads is in the order of the cells."""
+    position = some_layouts(29)["random"]
+    place(cloud, position)
+    cloud._engine.rebuild()
+    engine, grid = cloud._engine, cloud._engine.grid
+    occupied = grid.occupied.to_numpy()[: grid.occupied_count[0]]
+    assert len(occupied) > 10
+    number = np.ravel_multi_index(occupied.T, grid.blocks)
+    assert np.all(np.diff(number) > 0)
+    ids = engine.particles.spin.id.to_numpy()[grid.particle.to_numpy()]
+    assert np.array_equal(np.sort(ids), np.arange(N))
+    assert np.array_equal(grid.near.position.to_numpy(), position[ids])
+
+
 # -- on the move -----------------------------------------------------------------------------------
 
 

@@ -77,6 +77,9 @@ class ContactList:
         if dissipates:
             self.lost = ti.field(real)
             builder.dense(ti.i, capacity).place(self.lost)
+            self.old_drag, self.old_couple = ti.field(real), ti.Vector.field(3, real)
+            builder.dense(ti.i, capacity).place(self.old_drag)
+            builder.dense(ti.i, capacity).place(self.old_couple)
         self.tree = builder.finalize()
 
     def count(self) -> int:
@@ -103,3 +106,5 @@ def _copy_file(old: ti.template(), new: ti.template()):
         new.old_partner[p] = old.old_partner[p]
         if ti.static(old.has_history):
             new.old_history[p] = old.old_history[p]
+        if ti.static(old.dissipates):
+            new.old_drag[p], new.old_couple[p] = old.old_drag[p], old.old_couple[p]

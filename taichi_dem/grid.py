@@ -25,9 +25,9 @@ Near = ti.types.struct(position=vec3, radius=real)
 class Grid:
     """Cells of edge ``cell_size`` (m, may change) for ``particles`` spread over ``extent`` (3,) m.
 
-    After :meth:`sort`, the particles of a cell are ``particle[end - population : end]``, and those of
-    cells that follow each other in z within a block stand in one piece; ``near`` and ``rank`` hold
-    in the same order what a search reads of them.
+    After :meth:`sort`, the particles of a cell are ``particle[end - population : end]``, and
+    those of cells that follow each other in z within a block stand in one piece; ``near`` and
+    ``rank`` hold in the same order what a search reads of them.
     """
 
     def __init__(self, particles: Particles, cell_size: float, extent: np.ndarray):

@@ -5,7 +5,7 @@ one finds its many small partners, and no small one has to look far.
 """
 
 from taichi_dem.boundaries import Boundaries
-from taichi_dem.contact_list import APART, FIRST_FACE, HELD, SUBSTRATE, ContactList
+from taichi_dem.contact_list import APART, FIRST_FACE, SUBSTRATE, TOUCHING, ContactList
 from taichi_dem.control import Control
 from taichi_dem.grid import BLOCK, Grid
 from taichi_dem.particles import Particles
@@ -47,6 +47,9 @@ class Neighbors:
                     self.contacts.old_partner[filed] = self.name_of(self.contacts.ends[p].j)
                     if ti.static(self.contacts.has_history):
                         self.contacts.old_history[filed] = self.contacts.history[p]
+                    if ti.static(self.contacts.dissipates):  # their work is a trapezoid's
+                        self.contacts.old_drag[filed] = self.contacts.result[p].drag
+                        self.contacts.old_couple[filed] = self.contacts.result[p].couple
                     filed += 1
             self.contacts.old_end[row] = filed
 
@@ -67,7 +70,10 @@ class Neighbors:
             while found < end and self.contacts.old_partner[found] != partner:
                 found += 1
             if found < end:
-                touching = HELD
+                touching = TOUCHING
+                if ti.static(self.contacts.dissipates):
+                    self.contacts.result[p].drag = self.contacts.old_drag[found]
+                    self.contacts.result[p].couple = self.contacts.old_couple[found]
         self.contacts.touching[p] = touching
         if ti.static(self.contacts.has_history):
             if touching == APART:

@@ -276,3 +276,157 @@ def test_force_is_minus_the_gradient_of_the_potential(rng, spacing, depth):
     assert order(steps, errors) == pytest.approx(2, abs=0.1)
     h = steps[2]
     assert work(h) == pytest.approx(energy(-h) - energy(h), rel=1e-9)
+
+
+# An infinite array, against boundary elements ----------------------------------------------------
+
+
+def pressed_in_a_cell(apart, n=64):
+    """Approach of a rigid sphere, R = E' = 1, in a cell of side 1, for a contact radius without
+    neighbours of 1/apart: `(force, approach)`; constrained conjugate gradients over Fourier
+    transforms (I. A. Polonsky & L. M. Keer, Wear 231, 206, 1999)."""
+    a, h = 1 / apart, 1 / n
+    q = 2 * np.pi * np.hypot(np.fft.fftfreq(n, h)[:, None], np.fft.fftfreq(n, h))
+    influence = np.divide(2.0, q, out=np.zeros_like(q), where=q > 0)
+
+    def sink(p):
+        return np.fft.ifft2(influence * np.fft.fft2(p)).real
+
+    line = (np.arange(n) - n // 2) * h
+    r2 = line[:, None] ** 2 + line**2
+    p = np.sqrt(np.maximum(1 - r2 / a**2, 0.0))
+    load = 4 / 3 * a**3 / h**2
+    p *= load / p.sum()
+    t, norm, follow = np.zeros_like(p), 1.0, False
+    for _ in range(200):
+        active = p > 0
+        gap = sink(p) + r2 / 2
+        approach = gap[active].mean()
+        gap = gap - approach
+        now = (gap[active] ** 2).sum()
+        t = np.where(active, gap + (now / norm * t if follow else 0.0), 0.0)
+        norm, response = now, sink(t)
+        response -= response[active].mean()
+        step = (gap * t)[active].sum() / (response * t)[active].sum()
+        before, p = p, np.maximum(p - step * t, 0.0)
+        lost = (p == 0) & (gap < 0)
+        p[lost] -= step * gap[lost]
+        follow = not lost.any()
+        p *= load / p.sum()
+        if np.abs(p - before).sum() < 1e-7 * load:
+            break
+    return load * h**2, approach
+
+
+@pytest.mark.parametrize(
+    ("apart", "finite_error", "point_error"),
+    [(2.2, 0.0045, 0.15), (3.0, 0.0018, 0.059), (4.0, 0.0006, 0.024)],
+)
+def test_infinite_array(apart, finite_error, point_error):
+    """The error of the approach under a given force, as one of the force (3/2 of it)."""
+    force, approach = pressed_in_a_cell(apart)
+    errors = {}
+    for coupling in ("finite", "point"):
+        ground = halfspace.HalfSpace(1.0, 0.0, coupling=coupling, period=(1.0, 1.0))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            pressed = halfspace.press(ground, [[0.3, 0.4]], 1.0, load=[force])
+        errors[coupling] = 1.5 * abs(pressed.approach[0] - approach) * apart**2
+    assert errors["finite"] < finite_error
+    assert errors["point"] == pytest.approx(point_error, rel=0.03)
+
+
+# Points that are none ----------------------------------------------------------------------------
+
+
+def test_points_too_close_are_warned_of_once():
+    points = halfspace.HalfSpace(MODULUS, 0.0, coupling="point")
+    law = ref.hertz_law(RADIUS, MODULUS)
+    with pytest.warns(UserWarning, match=r"below 6 radii their size counts") as caught:
+        plan = points.plan([[0, 0], [1, 0]])
+        for _ in range(3):
+            halfspace.solve(points, [[0, 0], [1, 0]], [0.05, 0.05], law, plan=plan)
+    assert len(caught) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        halfspace.solve(points, [[0, 0], [2, 0]], [0.05, 0.05], law)
+        halfspace.solve(GROUND, [[0, 0], [1, 0]], [0.05, 0.05], law)
+
+
+def test_sizes_are_known_from_the_law_or_the_caller():
+    x, overlap, law = [[0, 0], [1, 0]], [0.05, 0.05], ref.hertz_law(RADIUS, MODULUS)
+    known = halfspace.solve(GROUND, x, overlap, law, residual=1e-10)
+    told = halfspace.solve(GROUND, x, overlap, lambda d: law(d), residual=1e-10, radius=RADIUS)
+    assert np.array_equal(known.force, told.force) and known.shift.any()
+    unknown = halfspace.solve(GROUND, x, overlap, lambda d: law(d), residual=1e-10)
+    assert unknown.contact_radius is None and not unknown.shift.any()
+    closed = ref.two_spheres(0.05, 1.0, RADIUS, MODULUS)
+    assert unknown.force == pytest.approx([closed] * 2, rel=1e-9)
+    for given in ({"radius": -1.0}, {"radius": 1.0, "modulus": [1.0, 0.0]}):
+        with pytest.raises(ValueError, match="must be > 0"):
+            halfspace.solve(GROUND, x, overlap, lambda d: law(d), **given)
+    with pytest.raises(ValueError, match=r"shift has shape \(1, 2\): must be \(2, 2\)"):
+        halfspace.solve(GROUND, x, overlap, law, shift=[[0, 0]])
+
+
+def test_a_good_start_costs_nothing(rng):
+    x, overlap = array(rng, 6, 0.05)
+    law = ref.hertz_law(RADIUS, MODULUS)
+    cold = halfspace.solve(GROUND, x, overlap, law)
+    again = halfspace.solve(GROUND, x, overlap, law, start=cold.overlap, shift=cold.shift)
+    assert again.iterations == 0 and again.applications == 1
+    assert np.array_equal(again.force, cold.force)
+    assert cold.applications <= 30
+
+
+# Motion ------------------------------------------------------------------------------------------
+
+
+def fly(steps_per_period, periods=2):
+    """Nine spheres bounce and slide close together, by velocity Verlet; the largest deviation of
+    the energy over that of the equilibrium, and applications per step."""
+    rng = np.random.default_rng(5)
+    depth, spacing = 0.01, 0.3
+    x, overlap = array(rng, 3, depth, spacing)
+    law = ref.hertz_law(RADIUS, MODULUS)
+    rest = halfspace.solve(GROUND, x, overlap, law)
+    period = 2 * np.pi / np.sqrt(2 * MODULUS * np.sqrt(RADIUS * depth))
+    dt = period / steps_per_period
+    position = np.c_[x, -overlap]
+    velocity = rng.standard_normal((9, 3)) * [0.1 * spacing, 0.1 * spacing, 0.1 * depth] / period
+    past, costs, stiffness = [], [], float(ref.hertz_stiffness(RADIUS, MODULUS))
+
+    def guess(index):
+        p = [both[index] for both in past[-4:]]
+        return 4 * p[3] - 6 * p[2] + 4 * p[1] - p[0] if len(p) == 4 else None
+
+    def act():
+        x, overlap = position[:, :2], -position[:, 2]
+        s = halfspace.solve(GROUND, x, overlap, law, 1e-8, guess(0), shift=guess(1))
+        past.append((s.overlap, s.shift))
+        costs.append(s.applications)
+        lost = (s.shift**2).sum(axis=1) / (2 * RADIUS)
+        stored = s.force @ (overlap - lost) - 0.6 * np.sum(s.force ** (5 / 3)) * stiffness ** (
+            -2 / 3
+        )
+        stored -= coupling_energy(x + s.shift, s.force, s.contact_radius)
+        force = np.c_[-s.force[:, None] * s.slope, s.force - rest.force]
+        return force, stored + rest.force @ position[:, 2], stored
+
+    force, potential, scale = act()
+    total = [potential + 0.5 * np.sum(velocity**2)]
+    for _ in range(periods * steps_per_period):
+        velocity += 0.5 * dt * force
+        position += dt * velocity
+        force, potential, _ = act()
+        velocity += 0.5 * dt * force
+        total.append(potential + 0.5 * np.sum(velocity**2))
+    return np.abs(np.array(total) - total[0]).max() / scale, costs
+
+
+def test_energy_of_moving_spheres():
+    """Half the step, a quarter of the deviation."""
+    (coarse, _), (fine, costs) = fly(50), fly(100)
+    assert coarse / fine == pytest.approx(4, abs=0.2)
+    assert fine < 1e-5
+    assert np.mean(costs[4:]) <= 8

@@ -22,8 +22,8 @@ their lowest point, but at `y = x + c`. Of all points, the effective overlap
 uphill. Both follow from one potential, `f.(delta - c^2/(2R)) - E_c(f, x + c) - E_local(f)`, which
 is stationary in f and in c; its derivative by x, at constant overlap, is `f grad e(y) = f c/R`, so
 that the force on the sphere is `f` along the normal of the tilted surface, through the centre.
-Newton's method finds f for a given c, substitution finds c: it contracts by about
-`R f/(pi E' r^3) ~ (a/r)^3/2` a round.
+Newton's method finds f, and substitution, at the same time, c: it contracts by about
+`R f/(pi E' r^3) ~ (a/r)^3/2` a step.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ from .plan import Plan
 Law = Callable[[Array], tuple[Array, Array]]
 
 HALVINGS = 10  # of a Newton step that does not improve the state
-FIRST = 0.02  # residual at which to look first where the spheres touch
 MEMORY = 4  # rounds
+MATTER = 0.1  # share of the residual from which on they come first
 EASE = 0.03  # residual of the forces, over that of the points of contact, until these are found
 
 
@@ -127,8 +127,9 @@ def solve(
     x = checks.vectors("x", x)
     n = len(x)
     spheres = Spheres.of(ground, law, radius, modulus, n)
-    tilting = spheres is not None and ground.coupling == "finite"
-    offset = np.zeros((n, 2)) if shift is None or not tilting else checks.vectors("shift", shift)
+    offset = np.zeros((n, 2))
+    if shift is not None and spheres is not None and ground.coupling == "finite":
+        offset = checks.vectors("shift", shift)
     if offset.shape != x.shape:
         raise ValueError(f"shift has shape {offset.shape}: must be {x.shape}, one per contact")
     if plan is None:
@@ -147,45 +148,29 @@ def solve(
 
     scale = float((delta - floor).max(initial=0.0))
     goal = residual * scale
-    problem = _Problem(plan, delta, law, floor, spheres)
-    best: _Found | None = None
-    # A guess of where spheres touch is worth a full solve, none at all is not.
-    iterations, aim, points = 0, goal, Points()
-    if tilting and shift is None:
-        aim = max(goal, FIRST * scale)
+    problem = _Problem(plan, x, delta, law, floor, spheres, offset)
     state = problem.at(guess, offset) if scale > 0 else problem.open(offset)
-    while True:
-        nearest = state
-        while state.error > aim and iterations < max_iterations:
-            state = problem.newton(state, aim, scale)
-            nearest = min(nearest, state, key=lambda s: s.error)
-            iterations += 1
-        found = problem.found(nearest, tilting)
-        if best is None or found.error < best.error:
-            best = found
-        if best.error <= goal or iterations >= max_iterations:
-            break
+    best, iterations = state, 0
+    while state.error > goal and iterations < max_iterations:
+        state = problem.next(state, goal, scale)
+        best = min(best, state, key=lambda s: s.error)
         iterations += 1
-        problem.applications += 1  # of the slope
-        aim = max(goal, EASE * found.tilt)
-        offset = points.next(found.state.offset, found.wrong, found.state.force != 0)
-        plan.refresh(x + offset)
-        state = problem.at(found.state.overlap, offset)
-    if spheres is not None:
-        plan.warn_of_points(spheres.contact_radius(best.state.force))
+    radii = None if spheres is None else spheres.contact_radius(best.force)
+    if radii is not None:
+        plan.warn_of_points(radii)
     result = Equilibrium(
-        force=best.state.force,
-        overlap=best.state.overlap,
-        displacement=best.state.displacement,
-        slope=best.slope,
-        tangent=best.state.tangent,
+        force=best.force,
+        overlap=best.overlap,
+        displacement=best.displacement,
+        slope=problem.slope(best),
+        tangent=best.tangent,
         iterations=iterations,
         applications=problem.applications,
         residual=best.error / scale if scale > 0 else 0.0,
         converged=best.error <= goal,
-        softening=int(np.count_nonzero(best.state.tangent < 0)),
-        contact_radius=None if spheres is None else spheres.contact_radius(best.state.force),
-        shift=best.state.offset,
+        softening=int(np.count_nonzero(best.tangent < 0)),
+        contact_radius=radii,
+        shift=best.offset,
     )
     if not result.converged:
         hint = problem.hint
@@ -241,36 +226,30 @@ class Spheres:
 
 @dataclass(frozen=True)
 class _State:
-    """A guess and what follows from it: `defect` is F, `error` the largest that counts, m."""
+    """A guess and what follows from it: `defect` is F, `missing` the largest that counts, m.
+
+    offset (n, 2), m: of the points of contact; wrong (n, 2), m: by how much, and tilt, m, what that
+    makes of the overlaps, at most; slope (n, 2), or None where nothing depends on it.
+    """
 
     overlap: Array
     force: Array
     tangent: Array
     displacement: Array
     defect: Array
-    error: float
-    offset: Array  # of the points of contact
+    missing: float
+    offset: Array
+    wrong: Array
+    tilt: float
+    slope: Array | None
+
+    @property
+    def error(self) -> float:
+        return max(self.missing, self.tilt)
 
     @property
     def merit(self) -> float:
         return float(np.abs(self.defect).max(initial=0.0))
-
-
-@dataclass(frozen=True)
-class _Found:
-    """Forces in equilibrium for given points of contact, and how wrong these are, (n, 2), m.
-
-    tilt, m: what that makes of the overlaps, at most.
-    """
-
-    state: _State
-    slope: Array
-    wrong: Array
-    tilt: float
-
-    @property
-    def error(self) -> float:
-        return max(self.state.error, self.tilt)
 
 
 class Points:
@@ -298,27 +277,27 @@ class Points:
 
 class _Problem:
     def __init__(
-        self, plan: Plan, delta: Array, law: Law, opening: Array, spheres: Spheres | None
+        self,
+        plan: Plan,
+        x: Array,
+        delta: Array,
+        law: Law,
+        opening: Array,
+        spheres: Spheres | None,
+        offset: Array,
     ) -> None:
-        self._plan, self._law, self._spheres = plan, law, spheres
-        self._delta, self._opening = delta, opening
+        self._plan, self._law = plan, law
+        self._spheres = spheres if plan.coupling == "finite" else None
+        self._x, self._delta, self._opening = x, delta, opening
+        self._offset = offset  # of the plan
+        self._points, self._together = Points(), True
         self.applications = 0
         self.hint = ""
 
-    def _size(self, f: Array) -> Array | None:
-        if self._spheres is None or self._plan.coupling == "point":
-            return None
-        return self._spheres.contact_radius(f)
-
-    def apply(self, f: Array) -> Array:
-        if not f.any():
-            return np.zeros(len(f))
-        self.applications += 1
-        return self._plan.apply(f, self._size(f))
-
     def linear(self, f: Array) -> Callable[[Array], Array]:
         """`df -> dw` at the forces f."""
-        tangent = self._plan.tangent(f, self._size(f))
+        size = None if self._spheres is None else self._spheres.contact_radius(f)
+        tangent = self._plan.tangent(f, size)
 
         def apply(df: Array) -> Array:
             if not df.any():
@@ -330,28 +309,42 @@ class _Problem:
 
     def open(self, offset: Array) -> _State:
         """No contact can carry load: the surface is flat."""
-        zero = np.zeros(len(self._delta))
-        return _State(self._delta.copy(), zero, zero, zero, zero, 0.0, np.zeros_like(offset))
-
-    def found(self, state: _State, tilting: bool) -> _Found:
-        slope = self._plan.slope(state.force, self._size(state.force))
-        wrong, tilt = np.zeros_like(slope), 0.0
-        if tilting and self._spheres is not None:
-            wrong = self._spheres.radius[:, None] * slope - state.offset
-            tilt = self._spheres.tilt(wrong, slope, state.force)
-        return _Found(state, slope, wrong, tilt)
+        zero, flat = np.zeros(len(self._delta)), np.zeros_like(offset)
+        return _State(self._delta.copy(), zero, zero, zero, zero, 0.0, flat, flat, 0.0, flat)
 
     def at(self, d: Array, offset: Array) -> _State:
         force, tangent = self._forces(d)
-        w = self.apply(force)
-        reached = self._delta - w
-        if self._spheres is not None:
-            reached = reached - (offset**2).sum(axis=1) / (2 * self._spheres.radius)
+        if offset is not self._offset:
+            self._plan.refresh(self._x + offset)
+            self._offset = offset
+        spheres, n = self._spheres, len(d)
+        w, slope, lost = np.zeros(n), None, np.zeros(n)
+        wrong, tilt = np.zeros_like(offset), 0.0
+        if force.any():
+            self.applications += 1
+            if spheres is None:
+                w = self._plan.apply(force)
+            else:
+                w, slope = self._plan.displacement(force, spheres.contact_radius(force))
+        if spheres is not None:
+            lost = (offset**2).sum(axis=1) / (2 * spheres.radius)
+            slope = np.zeros_like(offset) if slope is None else slope
+            wrong = spheres.radius[:, None] * slope - offset
+            tilt = spheres.tilt(wrong, slope, force)
+        reached = self._delta - w - lost
         # An open contact that stays open solves its equation outright.
         d = np.where(np.maximum(d, reached) <= self._opening, reached, d)
         error = np.maximum(d, self._opening) - np.maximum(reached, self._opening)
-        largest = float(np.abs(error).max(initial=0.0))
-        return _State(d, force, tangent, w, d - reached, largest, offset)
+        missing = float(np.abs(error).max(initial=0.0))
+        return _State(
+            d, force, tangent, w, d - reached, missing, offset, wrong, tilt, slope
+        )  # fmt: skip
+
+    def slope(self, state: _State) -> Array:
+        """At a state found before."""
+        if state.slope is not None:
+            return state.slope
+        return self._plan.slope(state.force)
 
     def _forces(self, d: Array) -> tuple[Array, Array]:
         closed = d > self._opening
@@ -372,31 +365,58 @@ class _Problem:
             result.append(value)
         return result[0], result[1]
 
-    def newton(self, state: _State, goal: float, scale: float) -> _State:
-        """The state after one Newton step, halved until it is an improvement.
+    def next(self, state: _State, goal: float, scale: float) -> _State:
+        """The state after one Newton step, and with better points of contact.
+
+        Both at once if that brings it on, or points alone where they matter more. If not, first
+        forces for the same points, then points.
+        """
+        if self._together and state.tilt > max(goal, MATTER * state.missing):
+            trial = self.at(state.overlap, state.offset + state.wrong)
+            if trial.tilt < 0.5 * state.tilt:
+                return trial
+            self._together = False
+        enough = max(goal, EASE * state.tilt)
+        step, definite = np.zeros(len(self._delta)), True
+        merit = state.merit
+        if state.missing > 0.5 * goal:
+            share = np.clip(merit / scale, 0.5 * enough / merit, 0.1)
+            # Where the law softens, its force is held while the others adapt.
+            stiffness = np.maximum(state.tangent, 0.0)
+            linear = self.linear(state.force)
+            step, definite = _conjugate_gradients(linear, stiffness, -state.defect, share * merit)
+        if not definite:
+            self.hint = "; contacts may be closer together than their size allows"
+        ceiling = np.maximum(state.overlap, self._delta) + scale
+        if self._together and definite and state.tilt > 0.5 * goal:
+            offset = state.offset + state.wrong
+            trial = self.at(np.minimum(state.overlap + step, ceiling), offset)
+            if trial.error <= goal or max(trial.merit, trial.tilt) < 0.5 * max(merit, state.tilt):
+                return trial
+            self._together = False
+        if state.missing > enough:
+            return self._newton(state, step, definite, ceiling, goal)
+        offset = self._points.next(state.offset, state.wrong, state.force != 0)
+        return self.at(state.overlap, offset)
+
+    def _newton(
+        self, state: _State, step: Array, definite: bool, ceiling: Array, goal: float
+    ) -> _State:
+        """The state after a step, halved until it is an improvement.
 
         An improvement is a smaller defect, or, where the matrix was not positive and the defect is
         no guide, a larger potential `U(f)`: its gradient is `-F`, so its change is
         `-(F_0 + F_1)/2 . (f_1 - f_0)` to third order.
         """
-        merit = state.merit
-        share = np.clip(merit / scale, 0.5 * goal / merit, 0.1)
-        # Where the law softens, its force is held while the others adapt.
-        stiffness = np.maximum(state.tangent, 0.0)
-        linear = self.linear(state.force)
-        step, definite = _conjugate_gradients(linear, stiffness, -state.defect, share * merit)
-        ceiling = np.maximum(state.overlap, self._delta) + scale
-        full = trial = self.at(np.minimum(state.overlap + step, ceiling), state.offset)
-        if not definite:
-            self.hint = "; contacts may be closer together than their size allows"
         size = 1.0
+        full = trial = self.at(np.minimum(state.overlap + step, ceiling), state.offset)
         for _ in range(HALVINGS):
             if definite:
-                better = trial.merit < (1 - 1e-4 * size) * merit
+                better = trial.merit < (1 - 1e-4 * size) * state.merit
             else:
                 loss = (state.defect + trial.defect) @ (trial.force - state.force)
                 better = bool(loss < 0)
-            if better or trial.error <= goal:
+            if better or trial.missing <= goal:
                 return trial
             size /= 2
             trial = self.at(np.minimum(state.overlap + size * step, ceiling), state.offset)

@@ -12,7 +12,6 @@ from . import checks
 from .checks import Array
 from .ground import HalfSpace
 from .plan import Plan
-from .reference import composite_modulus, hertz_law, hertz_overlap
 from .solve import Equilibrium, NotConverged, Points, Spheres, solve
 
 if TYPE_CHECKING:
@@ -120,6 +119,8 @@ def press(
 
 def _modulus(ground: HalfSpace, youngs_modulus: Any, poissons_ratio: Any) -> float:
     """The composite modulus of a sphere and the ground."""
+    from .reference import composite_modulus
+
     if youngs_modulus is None and poissons_ratio is None:
         return ground.modulus
     values = {"youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
@@ -177,6 +178,8 @@ def _solve(
     before: Equilibrium | None,
     plan: Plan | None,
 ) -> Equilibrium:
+    from .reference import hertz_law
+
     return solve(
         ground,
         x,
@@ -227,7 +230,7 @@ def _together(
 def _under(ground: HalfSpace, x: Array, spheres: Spheres, force: Array, residual: float) -> Pressed:
     """Under a given load each: the forces are known, and only where spheres touch is sought."""
     a = spheres.contact_radius(force)
-    own = hertz_overlap(force, spheres.radius, spheres.modulus)
+    own = a * a / spheres.radius
     shift, points, plan = np.zeros_like(x), Points(), ground.plan(x)
     tilting = ground.coupling == "finite"
     for rounds in range(1, ROUNDS + 1):

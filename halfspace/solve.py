@@ -105,8 +105,8 @@ def solve(
     gap; law: the overlaps (n,) of all contacts -> (force (n,) N, tangent dforce/doverlap (n,) N/m).
     It is called with `max(d, opening)`, and what it returns where `d <= opening` is replaced by
     zero, so a law of touch, such as Hertz's, need not handle gaps. residual: of `d + C f - delta`,
-    relative to the largest `overlap - opening`, the most that a contact has to lose; a contact that
-    stays open has none. start: (n,) a guess of the effective overlaps, m; plan: one that
+    relative to the largest `overlap - opening`, the most that a contact has to lose (or `-opening`,
+    of one that is made at the start); a contact that stays open has none. start: (n,) a guess of the effective overlaps, m; plan: one that
     `ground.plan` made for earlier positions, which is renewed for these.
 
     radius: of the spheres, scalar or (n,), m, and modulus: of the contacts, `E*`, Pa (without:
@@ -146,7 +146,9 @@ def solve(
         raise ValueError(f"residual = {residual!r}: must be {wanted}")
     checks.whole("max_iterations", max_iterations)
 
-    scale = float((delta - floor).max(initial=0.0))
+    # What adheres may hold beyond its own opening, on a surface that the others pull up.
+    made = np.where(guess > floor, -floor, 0.0)
+    scale = float(np.maximum(delta - floor, made).max(initial=0.0))
     goal = residual * scale
     problem = _Problem(plan, x, delta, law, floor, spheres, offset)
     state = problem.at(guess, offset) if scale > 0 else problem.open(offset)

@@ -94,7 +94,7 @@ def choose(
         return replace(direct, reason="so few are summed sooner than a grid is filled")
     if method is None and tolerance < FINEST:
         return replace(direct, reason=f"the mesh reaches no tolerance below {FINEST:.1g}")
-    tried = [m for m in _meshes(x, tolerance, period, reach) if m[0].grid.cutoff >= reach]
+    tried = _meshes(x, tolerance, period, reach)
     if not tried:
         return replace(direct, reason="contacts are wider than a periodic grid can allow")
     fitting = [pair for pair in tried if pair[0].memory <= MEMORY]
@@ -169,7 +169,7 @@ def _meshes(
             crowded = factor > 1 and choice.pairs > CROWDED * n
             if dear or crowded or _grid_bytes(choice.grid) > MEMORY:
                 break
-    return found
+    return [pair for pair in found if pair[0].grid is not None and pair[0].grid.cutoff >= reach]
 
 
 def fewest_points(setting: Accuracy) -> int:

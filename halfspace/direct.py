@@ -64,7 +64,8 @@ class DirectSum:
             k, j = k[other], j[other]
             found.append(np.stack([k + rows.start, j]))
             offsets.append(np.stack([dx[k, j], dy[k, j]], axis=1))
-        return Close(len(self.x), *np.concatenate(found, axis=1), np.concatenate(offsets))
+        k, j = np.concatenate(found, axis=1)
+        return Close(len(self.x), k, j, np.concatenate(offsets))
 
     def apply(self, f: Array) -> Array:
         """Depression `w = C f` of every contact by the forces on the others, (n,), m."""

@@ -101,7 +101,8 @@ class Close:
         return kernel(squared, a[self.k] ** 2 + a[self.j] ** 2)
 
     def _sum(self, values: Array) -> Array:
-        return np.bincount(self.k, values, self.count)
+        result: Array = np.bincount(self.k, values, self.count).astype(np.float64)
+        return result
 
     def depression(self, f: Array, a: Array) -> Array:
         pair = self._kernel(a)

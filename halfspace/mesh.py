@@ -129,7 +129,8 @@ class MeshSum:
             grid.cutoff, self._left_out,
             width, len(self._short) - 1, periodic,
         )  # fmt: skip
-        self._curved_known, self._closest = False, None
+        self._curved_known = False
+        self._closest: float | None = None
 
     def apply(self, f: Array) -> Array:
         """Depression `w = C f` of every contact by the forces on the others, (n,), m."""

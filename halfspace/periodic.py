@@ -96,7 +96,8 @@ class PeriodicSum:
             k, j = k[other], j[other]
             found.append(np.stack([k + rows.start, j]))
             offsets.append(d[k, j])
-        return Close(len(self.x), *np.concatenate(found, axis=1), np.concatenate(offsets))
+        k, j = np.concatenate(found, axis=1)
+        return Close(len(self.x), k, j, np.concatenate(offsets))
 
     def apply(self, f: Array) -> Array:
         """Depression `w = C f` of every contact, by the others and by all images, (n,), m."""

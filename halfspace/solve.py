@@ -106,7 +106,8 @@ def solve(
     It is called with `max(d, opening)`, and what it returns where `d <= opening` is replaced by
     zero, so a law of touch, such as Hertz's, need not handle gaps. residual: of `d + C f - delta`,
     relative to the largest `overlap - opening`, the most that a contact has to lose (or `-opening`,
-    of one that is made at the start); a contact that stays open has none. start: (n,) a guess of the effective overlaps, m; plan: one that
+    of one that is made at the start); a contact that stays open has none. start: (n,) a guess of
+    the effective overlaps, m; plan: one that
     `ground.plan` made for earlier positions, which is renewed for these.
 
     radius: of the spheres, scalar or (n,), m, and modulus: of the contacts, `E*`, Pa (without:

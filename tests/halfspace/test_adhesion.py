@@ -126,6 +126,6 @@ def test_no_equilibrium():
         if exists:
             assert halfspace.solve(cell, [[0, 0]], [overlap], law).converged
             continue
-        with pytest.raises(halfspace.NotConverged, match="reached .* after 50 iterations") as no:
+        with pytest.raises(halfspace.NotConverged, match=r"reached .* after 50 iterations") as no:
             halfspace.solve(cell, [[0, 0]], [overlap], law, radius=RADIUS)
         assert 1e-6 < no.value.state.residual < 1 and not no.value.state.converged

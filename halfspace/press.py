@@ -12,7 +12,8 @@ from . import checks
 from .checks import Array
 from .ground import HalfSpace
 from .plan import Plan
-from .solve import Equilibrium, NotConverged, Points, Spheres, solve
+from .solve import Equilibrium, NotConverged, solve
+from .spheres import Points, Spheres
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,7 +13,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from . import greens
 from .checks import Array
 from .finite import Close
 
@@ -136,46 +135,3 @@ class DirectSum:
             squared = dx * dx + dy * dy
             squared[squared <= self._left_out] = np.inf
             yield rows, dx, dy, 1.0 / np.sqrt(squared)
-
-
-def field(x: Array, f: Array, points: Array, modulus: float, radius: Array | None = None) -> Array:
-    """Depression (m,) of the surface at `points` (m, 2) by all the forces `f` (n,) at `x` (n, 2).
-
-    With contact radii (n,) each force is a Hertz pressure. A force without extent makes the
-    depression infinite, of the sign of the force, at its own point.
-    """
-    a = np.zeros(len(x)) if radius is None else radius
-    w = np.empty(len(points))
-    height = max(1, BLOCK // max(len(x), 1))
-    for first in range(0, len(points), height):
-        rows = slice(first, first + height)
-        r = np.hypot(
-            points[rows, 0, None] - x[:, 0],
-            points[rows, 1, None] - x[:, 1],
-        )
-        singular = np.maximum(r, a) == 0
-        r[singular] = np.inf
-        kernel = greens.point(r, modulus) if radius is None else greens.hertz(r, a, modulus)
-        net = singular @ f
-        w[rows] = np.where(net == 0, kernel @ f, np.copysign(np.inf, net))
-    return w
-
-
-def pressure(
-    x: Array, f: Array, points: Array, radius: Array, period: tuple[float, float] | None = None
-) -> Array:
-    """Pressure (m,), Pa, at `points` (m, 2) under Hertz contacts of radii (n,), m."""
-    p = np.empty(len(points))
-    height = max(1, BLOCK // max(len(x), 1))
-    wide = np.where(radius > 0, radius, 1.0)
-    for first in range(0, len(points), height):
-        rows = slice(first, first + height)
-        d = points[rows, None] - x
-        if period is not None:
-            d -= np.round(d / period) * period
-        r = np.hypot(d[..., 0], d[..., 1])
-        shape = np.sqrt(np.maximum(1 - (r / wide) ** 2, 0.0)) * (radius > 0)
-        p[rows] = shape @ (1.5 * f / (np.pi * wide**2))
-        net = ((r == 0) & (radius == 0)) @ f
-        p[rows] = np.where(net == 0, p[rows], np.copysign(np.inf, net))
-    return p

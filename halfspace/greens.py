@@ -47,6 +47,24 @@ def hertz(r: ArrayLike, a: ArrayLike, modulus: float) -> Array:
     return shape / (np.pi * modulus * outer)
 
 
+def hertz_fall(r: ArrayLike, a: ArrayLike, modulus: float) -> Array:
+    """Minus the derivative of `hertz` by r, over r: its gradient is that times minus the offset.
+
+    `3/(4 E' a^3)` inside, and outside, with `z = a^2/r^2`,
+    `[2F1(1/2, 1/2; 5/2; z) + z/5 2F1(3/2, 3/2; 7/2; z)]/(pi E' r^3)`.
+    """
+    from scipy.special import hyp2f1
+
+    r, a = np.broadcast_arrays(np.asarray(r, dtype=np.float64), np.asarray(a, dtype=np.float64))
+    outer = np.maximum(r, a)
+    inside = r < a
+    shape = np.empty(r.shape)
+    shape[inside] = 0.75 * np.pi
+    z = (a[~inside] / r[~inside]) ** 2
+    shape[~inside] = hyp2f1(0.5, 0.5, 2.5, z) + 0.2 * z * hyp2f1(1.5, 1.5, 3.5, z)
+    return shape / (np.pi * modulus * outer**3)
+
+
 def hertz_concentric(a: ArrayLike, b: ArrayLike, modulus: float) -> Array:
     """Mean depression, weighted with one Hertz pressure, under another with the same centre.
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from . import checks, direct, greens
+from . import checks, direct, fields, greens
 from .checks import Array
 from .choice import Choice, choose
 from .periodic import PeriodicSum
@@ -136,9 +136,19 @@ class HalfSpace:
         x, points = checks.vectors("x", x), checks.vectors("points", points)
         f = checks.scalars("f", f, len(x))
         a = None if radius is None else checks.radii("radius", radius, len(x))
-        if self.period is None:
-            return direct.field(x, f, points, self.modulus, a)
-        return PeriodicSum(x, self.modulus, self.period).field(f, points, a)
+        return fields.surface(x, f, points, self.modulus, a, self.period)
+
+    def field_slope(
+        self, x: ArrayLike, f: ArrayLike, points: ArrayLike, radius: ArrayLike | None = None
+    ) -> Array:
+        """Slope (m, 2) of the surface at any `points` (m, 2): the gradient of -1 times `field`.
+
+        It points uphill; where a point force acts it is that of all others.
+        """
+        x, points = checks.vectors("x", x), checks.vectors("points", points)
+        f = checks.scalars("f", f, len(x))
+        a = None if radius is None else checks.radii("radius", radius, len(x))
+        return fields.surface(x, f, points, self.modulus, a, self.period, slopes=True)
 
     def pressure(self, x: ArrayLike, f: ArrayLike, radius: ArrayLike, points: ArrayLike) -> Array:
         """Pressure (m,), Pa, at any `points` (m, 2), of Hertz contacts at `x` (n, 2).
@@ -149,7 +159,7 @@ class HalfSpace:
         """
         x, points = checks.vectors("x", x), checks.vectors("points", points)
         f, a = checks.scalars("f", f, len(x)), checks.radii("radius", radius, len(x))
-        return direct.pressure(x, f, points, a, self.period)
+        return fields.pressure(x, f, points, a, self.period)
 
     def matrix(self, x: ArrayLike) -> Array:
         """The dense influence matrix (n, n), m/N, of points, with `w = C f`; symmetric.

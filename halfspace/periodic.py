@@ -17,19 +17,14 @@ from collections.abc import Iterator
 from functools import cached_property, lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from . import greens
 from .checks import Array
 from .direct import BLOCK, KEEP
 from .finite import Close
 from .splitting import Split
 
 BETA = 36.0  # exp(-36) = 2e-16
-# Hertz pressures from far: sum_n c_n a^(2n)/r^(2n+1), `hertz` with c_n = (1/2)_n^2/((5/2)_n n!).
-MULTIPOLES = tuple(
-    float(np.prod([(m + 0.5) ** 2 / ((m + 2.5) * (m + 1)) for m in range(n)])) for n in range(9)
-)
-IMAGES = 2  # cells on each side in which multipoles beyond the second are summed one by one
 
 
 @lru_cache(maxsize=1)
@@ -48,27 +43,27 @@ class PeriodicSum:
         self, x: Array, modulus: float, period: tuple[float, float], reach: float = 0.0
     ) -> None:
         self.modulus, self.period = modulus, period
-        self._split = _split()
+        self.split = _split()
         sides = np.asarray(period)
-        self._cutoff = 0.5 * float(sides.min())
-        highest = 1.1 * BETA / self._cutoff
+        self.cutoff = 0.5 * float(sides.min())
+        highest = 1.1 * BETA / self.cutoff
         k = [np.arange(int(highest * side / (2 * np.pi)) + 1) for side in sides]
         m, j = (a.ravel() for a in np.meshgrid(np.r_[-k[0][:0:-1], k[0]], k[1], indexing="ij"))
         q = 2 * np.pi * np.stack([m, j], axis=1) / sides
         half = (j > 0) | (m > 0)  # the others are their complex conjugates
         half &= np.hypot(*q.T) <= highest
-        self._q = q[half]
-        x_q = self._cutoff * np.hypot(*self._q.T)
-        self._symbol = 2 * self._split.spectrum(x_q) * self._cutoff / sides.prod()
-        self._laplacian = -(self._q**2).sum(axis=1) * self._symbol
-        self._mean = -2 * np.pi * self._split.missing * self._cutoff / sides.prod()
+        self.q = q[half]
+        x_q = self.cutoff * np.hypot(*self.q.T)
+        self._symbol = 2 * self.split.spectrum(x_q) * self.cutoff / sides.prod()
+        self._laplacian = -(self.q**2).sum(axis=1) * self._symbol
+        self.mean = -2 * np.pi * self.split.missing * self.cutoff / sides.prod()
         self.refresh(x, reach)
 
     def refresh(self, x: Array, reach: float = 0.0) -> bool:
         """The same cell with contacts that have moved, come or gone."""
         check_reach(reach, self.period)
         self.x = x
-        self._waves = np.exp(1j * (x @ self._q.T))
+        self._waves = np.exp(1j * (x @ self.q.T))
         self._left_out = max(np.finfo(np.float64).eps * max(self.period), reach) ** 2
         self._kept: list[Array] = []
         self._closest: float | None = None
@@ -116,7 +111,7 @@ class PeriodicSum:
             return self._kept[0] @ f + self._kept[1] @ q, self._kept[1] @ f
         wave_f, wave_q = self._amplitudes(f, q)
         near = self._at_contacts(self._symbol * wave_f + self._laplacian * wave_q).real
-        near += self._mean * f.sum() - self._own[0] * f
+        near += self.mean * f.sum() - self._own[0] * f
         steep = zero
         if q is not None:
             near -= self._own[1] * q
@@ -160,53 +155,20 @@ class PeriodicSum:
         """
         c = (self._waves * (self._laplacian if laplacian else self._symbol)) @ self._waves.conj().T
         c = c.real - self._own[laplacian] * np.eye(len(self.x))
-        c += 0.0 if laplacian else self._mean
+        c += 0.0 if laplacian else self.mean
         for rows, pairs in self._near():
             c[rows] += pairs.laplacian if laplacian else pairs.value
         return (c + c.T) / (2 * np.pi * self.modulus)
 
-    def field(self, f: Array, points: Array, radius: Array | None = None) -> Array:
-        """Depression (m,), m, at `points` (m, 2) by all forces; infinite where one acts.
-
-        With contact radii (n,), m, by Hertz pressures, finite everywhere: force and moment by
-        Ewald's sum, the nearest image by the closed form, and what higher moments of the others add
-        image by image.
-        """
-        a = np.zeros(len(f)) if radius is None else radius
-        check_reach(2 * float(a.max(initial=0.0)), self.period)
-        w = np.empty(len(points))
-        q = f * a * a / 10
+    def amplitude(self, f: Array, q: Array) -> NDArray[np.complex128]:
+        """Of the waves q (waves, 2), 1/m, that forces and moments make of the smooth part."""
         wave_f, wave_q = self._amplitudes(f, q)
-        amplitude = self._symbol * wave_f + self._laplacian * wave_q
-        # What is further than the images taken one by one: nearly as a continuum.
-        beyond = _lattice_rest(self.period) * MULTIPOLES[2] * (f * a**4).sum()
-        height = max(1, BLOCK // max(len(self._q), len(f), 1))
-        for first in range(0, len(points), height):
-            at = points[first : first + height]
-            smooth = (np.exp(1j * (at @ self._q.T)) @ amplitude).real + self._mean * f.sum()
-            d = at[:, None] - self.x
-            d -= np.round(d / self.period) * self.period
-            r = np.hypot(d[..., 0], d[..., 1])
-            singular = np.maximum(r, a) == 0
-            net = singular @ f
-            pairs = _Pairs(d, self._cutoff, self._split, np.broadcast_to(True, r.shape))
-            r[singular] = np.inf
-            near = greens.hertz(r, a, 1 / np.pi) + pairs.value
-            outside = np.maximum(r, self._cutoff)
-            if radius is not None:
-                near = near + 0.1 * a * a * pairs.laplacian
-                near -= np.where(r < self._cutoff, 0.0, 0.1 * a * a / outside**3)
-                for image in _images(self.period):
-                    near += _higher(np.hypot(*(d + image).T).T, a)
-            near -= np.where(r < self._cutoff, 0.0, 1 / outside)
-            total = smooth + near @ f + beyond
-            w[first : first + height] = np.where(net == 0, total, np.copysign(np.inf, net))
-        return w / (np.pi * self.modulus)
+        return self._symbol * wave_f + self._laplacian * wave_q
 
     @cached_property
     def _own(self) -> tuple[float, float]:
         """The smooth part and its Laplacian at r = 0."""
-        return self._split.origin / self._cutoff, self._split.bend / self._cutoff**3
+        return self.split.origin / self.cutoff, self.split.bend / self.cutoff**3
 
     def _amplitudes(self, f: Array, q: Array | None) -> tuple[Array, Array]:
         waves = self._waves.conj()
@@ -217,7 +179,7 @@ class PeriodicSum:
         return self._waves @ amplitude
 
     def _fall(self, amplitude: Array) -> Array:
-        return (self._waves * amplitude).imag @ self._q
+        return (self._waves * amplitude).imag @ self.q
 
     def _offsets(self) -> Iterator[tuple[slice, Array]]:
         """Rows of the pair table, and the shortest offsets in it."""
@@ -229,17 +191,17 @@ class PeriodicSum:
             d -= np.round(d / self.period) * self.period
             yield rows, d
 
-    def _near(self) -> Iterator[tuple[slice, _Pairs]]:
+    def _near(self) -> Iterator[tuple[slice, Pairs]]:
         for rows, d in self._offsets():
             left_out = (d**2).sum(axis=2) <= self._left_out
             own = np.arange(rows.start, rows.stop)
-            pairs = _Pairs(d, self._cutoff, self._split, left_out)
+            pairs = Pairs(d, self.cutoff, self.split, left_out)
             pairs.value[own - rows.start, own] = 0.0
             pairs.laplacian[own - rows.start, own] = 0.0
             yield rows, pairs
 
 
-class _Pairs:
+class Pairs:
     """What pairs at the offsets d (m, n, 2) add to the waves, times pi E'; nothing beyond rc.
 
     `value` and its Laplacian; `fall`, `laplacian_fall`: `-1/r d/dr` of both. Of pairs that are left
@@ -266,30 +228,3 @@ def check_reach(reach: float, period: tuple[float, float]) -> None:
             f"radius = {reach / 2:.3g} m: must be at most a quarter of the period's shorter side, "
             f"{min(period):.3g} m"
         )
-
-
-def _images(period: tuple[float, float]) -> Iterator[Array]:
-    """Offsets of the other images taken one by one."""
-    span = range(-IMAGES, IMAGES + 1)
-    for i in span:
-        for j in span:
-            if i or j:
-                yield np.array([i * period[0], j * period[1]])
-
-
-def _higher(r: Array, a: Array) -> Array:
-    """Depression by the moments of a Hertz pressure beyond the second, times pi E', per force."""
-    ratio = (a / r) ** 2
-    total = np.zeros(r.shape)
-    for coefficient in MULTIPOLES[:1:-1]:
-        total = total * ratio + coefficient
-    return total * ratio**2 / r
-
-
-@lru_cache(maxsize=8)
-def _lattice_rest(period: tuple[float, float]) -> float:
-    """Sum of 1/r^5 over the images beyond those taken one by one."""
-    far = 40
-    i, j = np.meshgrid(*(np.arange(-far, far + 1),) * 2, indexing="ij")
-    beyond = np.maximum(abs(i), abs(j)) > IMAGES
-    return float((np.hypot(i[beyond] * period[0], j[beyond] * period[1]) ** -5.0).sum())

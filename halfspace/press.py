@@ -56,6 +56,12 @@ class Pressed:
         load = self.contact[pressing], self.force[pressing]
         return self.ground.field(*load, points, self.contact_radius[pressing])
 
+    def surface_slope(self, points: ArrayLike) -> Array:
+        """Slope of the surface, the gradient of -1 times `depression`, at `points`: (m, 2)."""
+        pressing = self.force > 0
+        load = self.contact[pressing], self.force[pressing]
+        return self.ground.field_slope(*load, points, self.contact_radius[pressing])
+
     def draw(self, axes: Axes | None = None, **options: Any) -> Axes:
         """The dents from above, as `halfspace.draw_dents`."""
         from .pictures import draw_dents

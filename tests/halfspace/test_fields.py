@@ -98,6 +98,29 @@ def test_slope_of_the_field_is_the_slope_of_the_contacts():
     assert FREE.displacement(x, f, a)[1][0] == pytest.approx(gradient, rel=1e-4)
 
 
+@pytest.mark.parametrize("ground", [FREE, CELL])
+@pytest.mark.parametrize("sized", [True, False])
+def test_slope_is_the_gradient_of_the_field(ground, sized, rng):
+    """Under contacts, beside them, and where the nearest image changes: of second order."""
+    x, f = rng.uniform(0, 1, (4, 2)), rng.uniform(0.5, 1, 4)
+    a = np.array([0.25, 0.1, 0.0, 0.2]) if sized else None
+    points = np.r_[rng.uniform(0, 1, (20, 2)), x[:1] + [0.02, 0.03], x[2:3] + [0.52, 0.67]]
+    slope = ground.field_slope(x, f, points, a)
+
+    def difference(h):
+        w = [ground.field(x, f, points + h * step, a) for step in np.r_[np.eye(2), -np.eye(2)]]
+        return np.stack([w[2] - w[0], w[3] - w[1]], axis=1) / (2 * h)
+
+    errors = np.array([np.abs(difference(h) - slope) for h in (2e-4, 1e-4)])
+    assert errors[1] == pytest.approx(np.zeros(slope.shape), abs=2e-4 * np.abs(slope).max())
+    assert np.median(errors[0] / errors[1]) == pytest.approx(4, abs=0.2)
+    assert ground.field_slope(x, f, x[2:3], a) == pytest.approx(
+        ground.displacement(x, f)[1][2:3] if a is None else ground.field_slope(
+            x, f * [1, 1, 0, 1], x[2:3], a
+        )
+    )  # fmt: skip
+
+
 def test_pressure(rng):
     x, f, a = np.array([[0.1, 0.2], [0.8, 1.1]]), np.array([2.0, 3.0]), np.array([0.2, 0.1])
     n = 400

@@ -44,14 +44,17 @@ class DirectSum:
     @property
     def closest(self) -> float:
         """The least distance between two contacts, m."""
+        if self._closest is None and len(self.x) ** 2 <= KEEP:
+            self._keep()  # which finds it on the way, unless pairs are left out
         if self._closest is None:
-            least = np.inf
-            for rows, dx, dy, _ in self._blocks():
-                squared = dx * dx + dy * dy
-                own = np.arange(rows.start, rows.stop)
-                squared[own - rows.start, own] = np.inf
-                least = min(least, float(squared.min(initial=np.inf)))
-            self._closest = float(np.sqrt(least))
+            n, largest, pairs = len(self.x), 0.0, 0
+            for _, _, _, inverse in self._blocks():
+                largest = max(largest, float(inverse.max(initial=0.0)))
+                pairs += int(np.count_nonzero(inverse))
+            self._closest = 1 / largest if largest > 0 else np.inf
+            if pairs < n * (n - 1):  # some are left out, and closer
+                d = self.close().offset
+                self._closest = float(np.hypot(d[:, 0], d[:, 1]).min())
         return self._closest
 
     def close(self) -> Close:
@@ -66,6 +69,10 @@ class DirectSum:
         k, j = np.concatenate(found, axis=1)
         return Close(len(self.x), k, j, np.concatenate(offsets))
 
+    def _keep(self) -> None:
+        if not self._kept:
+            self._kept = [self.matrix()]
+
     def apply(self, f: Array) -> Array:
         """Depression `w = C f` of every contact by the forces on the others, (n,), m."""
         return self.pair(f, None)[0]
@@ -77,19 +84,19 @@ class DirectSum:
         """
         near, steep = np.zeros(len(f)), np.zeros(len(f))
         if len(f) ** 2 <= KEEP:
-            if not self._kept:
-                self._kept = [self.matrix()]
+            self._keep()
             near = self._kept[0] @ f
             if q is not None:
                 if len(self._kept) < 2:
                     # (1/(pi E' r))^3, with its unit mended
-                    self._kept.append((np.pi * self.modulus) ** 2 * self._kept[0] ** 3)
+                    c = self._kept[0]
+                    self._kept.append(c * c * ((np.pi * self.modulus) ** 2 * c))
                 near, steep = near + self._kept[1] @ q, self._kept[1] @ f
             return near, steep
         for rows, _, _, inverse in self._blocks():
             near[rows] = inverse @ f
             if q is not None:
-                inverse **= 3
+                inverse = inverse * inverse * inverse
                 near[rows] += inverse @ q
                 steep[rows] = inverse @ f
         return near / (np.pi * self.modulus), steep / (np.pi * self.modulus)
@@ -98,11 +105,12 @@ class DirectSum:
         """Minus the gradients of what `pair` gives, (n, 2) each."""
         near, steep = np.zeros((len(f), 2)), np.zeros((len(f), 2))
         for rows, dx, dy, inverse in self._blocks():
-            cubed = inverse**3
+            squared = inverse * inverse
+            cubed = squared * inverse
             for axis, d in enumerate((dx, dy)):
                 near[rows, axis] = (cubed * d) @ f
             if q is not None:
-                cubed *= 3 * inverse**2
+                cubed *= 3 * squared
                 for axis, d in enumerate((dx, dy)):
                     d *= cubed
                     near[rows, axis] += d @ q
@@ -119,9 +127,12 @@ class DirectSum:
 
     def matrix(self) -> Array:
         """The dense influence matrix `C` (n, n), m/N: symmetric, zero on the diagonal."""
-        c = np.empty((len(self.x), len(self.x)))
+        n = len(self.x)
+        c = np.empty((n, n))
         for rows, _, _, inverse in self._blocks():
             c[rows] = inverse
+        if np.count_nonzero(c) == n * (n - 1) > 0:
+            self._closest = 1 / float(c.max())
         return c / (np.pi * self.modulus)
 
     def _blocks(self) -> Iterator[tuple[slice, Array, Array, Array]]:

@@ -20,6 +20,11 @@ coincide, symmetric in both contacts and twice continuously differentiable, and 
 slopes are its derivatives there too. Two contacts without size at one point do not act on each
 other.
 
+Every way of summing sums 1/r and its Laplacian, and so gives displacement, slope and the second
+derivative of one energy. A mesh resolves the Laplacian less well than 1/r: with contacts of radius
+0.2 s it errs by up to 1.5 tolerances down to 1e-6, 4 at 1e-8 and 7 at 1e-10, of which the part by
+the sizes goes as (a/s)^2; one application takes twice the time.
+
 What is of first order at the centre of a tilted surface, the shift of the contact, is in `solve`.
 """
 

@@ -4,6 +4,8 @@
     w, slope = ground.displacement(x, f)                 # at contacts, by the others
     ground.field(x, f, points)                           # depression anywhere
     halfspace.solve(ground, x, overlap, law).force       # forces in equilibrium
+    halfspace.press(ground, x, radius, load=1e-3)        # spheres pressed in, under a load
+    halfspace.draw_dents(ground, x, f, radius)           # the surface from above
 
 `halfspace.reference` holds closed-form solutions. SI units; depressions are positive downward.
 """
@@ -15,7 +17,9 @@ from typing import Any
 
 from .choice import Choice
 from .ground import HalfSpace
+from .pictures import draw_dents
 from .plan import Plan
+from .press import Pressed, press
 from .solve import Equilibrium, NotConverged, solve
 
 __all__ = [
@@ -24,6 +28,9 @@ __all__ = [
     "HalfSpace",
     "NotConverged",
     "Plan",
+    "Pressed",
+    "draw_dents",
+    "press",
     "reference",
     "solve",
 ]

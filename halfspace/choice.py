@@ -74,9 +74,16 @@ class Choice:
 
 
 def choose(
-    x: Array, tolerance: float, period: tuple[float, float] | None, method: str | None = None
+    x: Array,
+    tolerance: float,
+    period: tuple[float, float] | None,
+    method: str | None = None,
+    reach: float = 0.0,
 ) -> Choice:
-    """The cheapest way to sum over the contacts `x` (n, 2); `method` insists on one."""
+    """The cheapest way to sum over the contacts `x` (n, 2); `method` insists on one.
+
+    reach, m: pairs no further apart are summed elsewhere, which a mesh can allow within its cutoff.
+    """
     n = len(x)
     direct, direct_step = _direct(n, tolerance, period)
     if method == "direct":
@@ -87,7 +94,9 @@ def choose(
         return replace(direct, reason="so few are summed sooner than a grid is filled")
     if method is None and tolerance < FINEST:
         return replace(direct, reason=f"the mesh reaches no tolerance below {FINEST:.1g}")
-    tried = _meshes(x, tolerance, period)
+    tried = _meshes(x, tolerance, period, reach)
+    if not tried:
+        return replace(direct, reason="contacts are wider than a periodic grid can allow")
     fitting = [pair for pair in tried if pair[0].memory <= MEMORY]
     if not fitting and method == "mesh":
         least = min(mesh.memory for mesh, _ in tried) / 1e9
@@ -128,7 +137,7 @@ def _direct(n: int, tolerance: float, period: tuple[float, float] | None) -> tup
 
 
 def _meshes(
-    x: Array, tolerance: float, period: tuple[float, float] | None
+    x: Array, tolerance: float, period: tuple[float, float] | None, reach: float
 ) -> list[tuple[Choice, float]]:
     """Grids around a first guess, finer and coarser while that promises anything."""
     setting, n = accuracy(tolerance), len(x)
@@ -137,6 +146,7 @@ def _meshes(
     longest = float(size[1]) or 1.0
     # Not a simple fraction of a lattice: all contacts would sit alike in their cells.
     guess = 0.53 * float(np.sqrt(longest * max(size[0], longest / n) / n))
+    guess = max(guess, (1 + 1e-9) * reach / setting.cutoff)
     coarsest = np.inf
     if period is not None:
         coarsest = float(size[0]) / fewest_points(setting)
@@ -159,7 +169,7 @@ def _meshes(
             crowded = factor > 1 and choice.pairs > CROWDED * n
             if dear or crowded or _grid_bytes(choice.grid) > MEMORY:
                 break
-    return found
+    return [pair for pair in found if pair[0].grid is not None and pair[0].grid.cutoff >= reach]
 
 
 def fewest_points(setting: Accuracy) -> int:

@@ -28,13 +28,6 @@ def point(r: ArrayLike, modulus: float) -> Array:
     return 1.0 / (np.pi * modulus * np.asarray(r, dtype=np.float64))
 
 
-def point_gradient(dx: ArrayLike, dy: ArrayLike, modulus: float) -> tuple[Array, Array]:
-    """Gradient of `point` at the offset `(dx, dy)` from the force, 1/N: `-(dx, dy)/(pi E' r^3)`."""
-    dx, dy = np.asarray(dx, dtype=np.float64), np.asarray(dy, dtype=np.float64)
-    slope = -1.0 / (np.pi * modulus * np.hypot(dx, dy) ** 3)
-    return slope * dx, slope * dy
-
-
 def hertz(r: ArrayLike, a: ArrayLike, modulus: float) -> Array:
     """Depression at distance `r` from a unit force spread as Hertz pressure over the radius `a`.
 
@@ -52,6 +45,24 @@ def hertz(r: ArrayLike, a: ArrayLike, modulus: float) -> Array:
     shape[inside] = 0.375 * np.pi * (2.0 - (r[inside] / a[inside]) ** 2)
     shape[~inside] = hyp2f1(0.5, 0.5, 2.5, (a[~inside] / r[~inside]) ** 2)
     return shape / (np.pi * modulus * outer)
+
+
+def hertz_fall(r: ArrayLike, a: ArrayLike, modulus: float) -> Array:
+    """Minus the derivative of `hertz` by r, over r: its gradient is that times minus the offset.
+
+    `3/(4 E' a^3)` inside, and outside, with `z = a^2/r^2`,
+    `[2F1(1/2, 1/2; 5/2; z) + z/5 2F1(3/2, 3/2; 7/2; z)]/(pi E' r^3)`.
+    """
+    from scipy.special import hyp2f1
+
+    r, a = np.broadcast_arrays(np.asarray(r, dtype=np.float64), np.asarray(a, dtype=np.float64))
+    outer = np.maximum(r, a)
+    inside = r < a
+    shape = np.empty(r.shape)
+    shape[inside] = 0.75 * np.pi
+    z = (a[~inside] / r[~inside]) ** 2
+    shape[~inside] = hyp2f1(0.5, 0.5, 2.5, z) + 0.2 * z * hyp2f1(1.5, 1.5, 3.5, z)
+    return shape / (np.pi * modulus * outer**3)
 
 
 def hertz_concentric(a: ArrayLike, b: ArrayLike, modulus: float) -> Array:

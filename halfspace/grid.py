@@ -45,6 +45,11 @@ class Accuracy:
     def split(self) -> Split:
         return Split(self.beta)
 
+    @cached_property
+    def curved(self) -> Split:
+        """Whose Laplacian is used."""
+        return Split(self.beta, smooth=True)
+
 
 # Measured against direct sums; for each width and cutoff the other two were chosen by a search.
 ACCURACIES = tuple(
@@ -103,9 +108,20 @@ class Grid:
         (rows, columns/2 + 1) of the torus, real, in units where a force f acts by f/r. The windows
         at both ends are divided out.
         """
+        return self._influence(self.accuracy.split)
+
+    def curved_influence(self) -> Array:
+        """As `influence`, for the Laplacian: what acts by `1/r^3`."""
+        symbol = self._influence(self.accuracy.curved)
+        k = [2 * np.pi * np.arange(m) / m for m in (self.torus[0], self.torus[1])]
+        k[0] = np.minimum(k[0], 2 * np.pi - k[0])
+        rows, columns = (k[axis] / self.spacing[axis] for axis in (0, 1))
+        return -symbol * (rows[:, None] ** 2 + columns[: symbol.shape[1]] ** 2)
+
+    def _influence(self, split: Split) -> Array:
         from scipy.fft import dctn
 
-        split, window = self.accuracy.split, self.accuracy.window
+        window = self.accuracy.window
         waves = [2 * np.pi * np.arange(m // 2 + 1) / m for m in self.torus]
         if self.period is None:
             d = [self.spacing[0] * _round(m, ROUND * self.accuracy.cutoff) for m in self.torus]

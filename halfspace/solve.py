@@ -11,11 +11,23 @@ symmetric `(K^-1 + C) y = -F` on the contacts that carry load; the others follow
 conjugate gradients for `I + C K` in the inner product of K, which never divide by a stiffness that
 vanishes. Where the matrix is not positive (contacts closer than their size), they stop short, and
 the potential of which F is the gradient guides the step.
+
+Spheres whose radii R are known (`coupling="finite"`) are contacts of finite size: `C` is the
+derivative of `w(f)`, see `finite`. And where the surface is tilted they do not touch it at x, under
+their lowest point, but at `y = x + c`. Of all points, the effective overlap
+`delta + e(x + c) - c^2/(2R)` is greatest at
+
+    c = R grad e(y),
+
+uphill. Both follow from one potential, `f.(delta - c^2/(2R)) - E_c(f, x + c) - E_local(f)`, which
+is stationary in f and in c; its derivative by x, at constant overlap, is `f grad e(y) = f c/R`, so
+that the force on the sphere is `f` along the normal of the tilted surface, through the centre.
+Newton's method finds f, and substitution, at the same time, c: it contracts by about
+`R f/(pi E' r^3) ~ (a/r)^3/2` a step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,11 +36,9 @@ from numpy.typing import ArrayLike
 from . import checks
 from .checks import Array
 from .ground import HalfSpace
+from .newton import Law, Problem
 from .plan import Plan
-
-Law = Callable[[Array], tuple[Array, Array]]
-
-HALVINGS = 10  # of a Newton step that does not improve the state
+from .spheres import Spheres
 
 
 @dataclass(frozen=True)
@@ -39,7 +49,12 @@ class Equilibrium:
     depression `w` by the other contacts, so that `overlap = delta - displacement` to within the
     residual; slope (n, 2), the gradient of `-w`, so that `-force slope` is the lateral force on the
     sphere; tangent (n,) N/m, the law's; iterations of Newton; applications of the influence matrix
-    (the slope is one evaluation more); residual, relative, reached.
+    (the slope is one evaluation more); residual, relative, reached. softening: how many contacts
+    are where their law softens (tangent < 0), where an equilibrium need not be stable.
+
+    Of spheres, if the law or the caller said how large they are: contact_radius (n,) m; and, with
+    `coupling="finite"`, shift (n, 2) m, the point of contact seen from x, where displacement and
+    slope are. Then `overlap = delta - displacement - shift^2/(2R)`.
     """
 
     force: Array
@@ -51,6 +66,9 @@ class Equilibrium:
     applications: int
     residual: float
     converged: bool
+    softening: int
+    contact_radius: Array | None
+    shift: Array
 
 
 class NotConverged(RuntimeError):
@@ -71,6 +89,9 @@ def solve(
     max_iterations: int = 50,
     opening: ArrayLike = 0.0,
     plan: Plan | None = None,
+    radius: ArrayLike | None = None,
+    modulus: ArrayLike | None = None,
+    shift: ArrayLike | None = None,
 ) -> Equilibrium:
     """Equilibrium of n contacts with given overlaps on an elastic half-space.
 
@@ -78,22 +99,38 @@ def solve(
     gap; law: the overlaps (n,) of all contacts -> (force (n,) N, tangent dforce/doverlap (n,) N/m).
     It is called with `max(d, opening)`, and what it returns where `d <= opening` is replaced by
     zero, so a law of touch, such as Hertz's, need not handle gaps. residual: of `d + C f - delta`,
-    relative to the largest `overlap - opening`, the most that a contact has to lose; a contact that
-    stays open has none. start: (n,) a guess of the effective overlaps, m; plan: one that
+    relative to the largest `overlap - opening`, the most that a contact has to lose (or `-opening`,
+    of one that is made at the start); a contact that stays open has none. start: (n,) a guess of
+    the effective overlaps, m; plan: one that
     `ground.plan` made for earlier positions, which is renewed for these.
+
+    radius: of the spheres, scalar or (n,), m, and modulus: of the contacts, `E*`, Pa (without:
+    that of rigid spheres): what `coupling="finite"` needs to know of contacts, whose radii are
+    Hertz's, `a = (3 f R/(4 E*))^(1/3)`, and zero where they pull. A law that has attributes
+    `radius` and `modulus`, as `reference.hertz_law` gives, need not be told. Without radii contacts
+    are points. shift: (n, 2) a guess of where they touch the surface, seen from x, m.
 
     opening: the overlap at which a contact opens, scalar or (n,), m: 0, or for a contact that
     adheres its (negative) overlap at pull-off. A law that jumps there may have no equilibrium: the
-    caller who knows which contacts were made and lost sets their opening and solves again.
+    caller who knows which contacts were made and lost sets their opening and solves again. Where a
+    law softens its force is held while the others adapt, which converges where the surface is
+    stiffer than the law is soft; where not, the contact is about to jump.
 
     Raises ValueError for arguments without sense, and NotConverged, which carries the nearest
     state, after `max_iterations`.
     """
+    x = checks.vectors("x", x)
+    n = len(x)
+    spheres = Spheres.of(ground, law, radius, modulus, n)
+    offset = np.zeros((n, 2))
+    if shift is not None and spheres is not None and ground.coupling == "finite":
+        offset = checks.vectors("shift", shift)
+    if offset.shape != x.shape:
+        raise ValueError(f"shift has shape {offset.shape}: must be {x.shape}, one per contact")
     if plan is None:
-        plan = ground.plan(x)
+        plan = ground.plan(x + offset)
     else:
-        plan.refresh(x)
-    n = len(plan.x)
+        plan.refresh(x + offset)
     delta = checks.scalars("overlap", overlap, n)
     guess = delta if start is None else checks.scalars("start", start, n)
     if np.ndim(opening) == 0:
@@ -104,148 +141,41 @@ def solve(
         raise ValueError(f"residual = {residual!r}: must be {wanted}")
     checks.whole("max_iterations", max_iterations)
 
-    scale = float((delta - floor).max(initial=0.0))
-    problem = _Problem(plan.apply, delta, law, floor)
-    state = problem.at(guess) if scale > 0 else problem.open()
+    # What adheres may hold beyond its own opening, on a surface that the others pull up.
+    made = np.where(guess > floor, -floor, 0.0)
+    scale = float(np.maximum(delta - floor, made).max(initial=0.0))
+    goal = residual * scale
+    problem = Problem(plan, x, delta, law, floor, spheres, offset)
+    state = problem.at(guess, offset) if scale > 0 else problem.open(offset)
     best, iterations = state, 0
-    while state.error > residual * scale and iterations < max_iterations:
-        state = problem.newton(state, residual * scale, scale)
+    while state.error > goal and iterations < max_iterations:
+        state = problem.next(state, goal, scale)
         best = min(best, state, key=lambda s: s.error)
         iterations += 1
+    radii = None if spheres is None else spheres.contact_radius(best.force)
+    if radii is not None:
+        plan.warn_of_points(radii)
     result = Equilibrium(
         force=best.force,
         overlap=best.overlap,
         displacement=best.displacement,
-        slope=plan.slope(best.force),
+        slope=problem.slope(best),
         tangent=best.tangent,
         iterations=iterations,
         applications=problem.applications,
         residual=best.error / scale if scale > 0 else 0.0,
-        converged=best.error <= residual * scale,
+        converged=best.error <= goal,
+        softening=int(np.count_nonzero(best.tangent < 0)),
+        contact_radius=radii,
+        shift=best.offset,
     )
     if not result.converged:
+        hint = problem.hint
+        if result.softening:
+            hint += f"; the law softens at {result.softening} contacts, which may be about to jump"
         raise NotConverged(
             f"residual = {residual:.3g}: reached {result.residual:.3g} after "
-            f"{iterations} iterations, {problem.applications} applications{problem.hint}",
+            f"{iterations} iterations, {problem.applications} applications{hint}",
             result,
         )
     return result
-
-
-@dataclass(frozen=True)
-class _State:
-    """A guess and what follows from it: `defect` is F, `error` the largest that counts, m."""
-
-    overlap: Array
-    force: Array
-    tangent: Array
-    displacement: Array
-    defect: Array
-    error: float
-
-    @property
-    def merit(self) -> float:
-        return float(np.abs(self.defect).max(initial=0.0))
-
-
-class _Problem:
-    def __init__(
-        self, influence: Callable[[Array], Array], delta: Array, law: Law, opening: Array
-    ) -> None:
-        self._influence, self._law = influence, law
-        self._delta, self._opening = delta, opening
-        self.applications = 0
-        self.hint = ""
-
-    def apply(self, f: Array) -> Array:
-        if not f.any():
-            return np.zeros(len(f))
-        self.applications += 1
-        return self._influence(f)
-
-    def open(self) -> _State:
-        """No contact can carry load: the surface is flat."""
-        zero = np.zeros(len(self._delta))
-        return _State(self._delta.copy(), zero, zero, zero, zero, 0.0)
-
-    def at(self, d: Array) -> _State:
-        force, tangent = self._forces(d)
-        w = self.apply(force)
-        reached = self._delta - w
-        # An open contact that stays open solves its equation outright.
-        d = np.where(np.maximum(d, reached) <= self._opening, reached, d)
-        error = np.maximum(d, self._opening) - np.maximum(reached, self._opening)
-        return _State(d, force, tangent, w, d - reached, float(np.abs(error).max(initial=0.0)))
-
-    def _forces(self, d: Array) -> tuple[Array, Array]:
-        closed = d > self._opening
-        values = self._law(np.maximum(d, self._opening))
-        if not isinstance(values, tuple) or len(values) != 2:
-            raise ValueError(f"law returned {type(values).__name__}: must be (force, tangent)")
-        result = []
-        for name, value in zip(("force", "tangent"), values, strict=True):
-            value = np.asarray(value, dtype=np.float64)
-            if value.shape != d.shape:
-                raise ValueError(f"law returned a {name} of shape {value.shape}, not {d.shape}")
-            value = np.where(closed, value, 0.0)
-            if not np.isfinite(value).all():
-                k = int(np.flatnonzero(~np.isfinite(value))[0])
-                raise ValueError(
-                    f"law returned {name}[{k}] = {float(value[k])!r} at overlap {float(d[k])!r} m"
-                )
-            result.append(value)
-        return result[0], result[1]
-
-    def newton(self, state: _State, goal: float, scale: float) -> _State:
-        """The state after one Newton step, halved until it is an improvement.
-
-        An improvement is a smaller defect, or, where the matrix was not positive and the defect is
-        no guide, a larger potential `U(f)`: its gradient is `-F`, so its change is
-        `-(F_0 + F_1)/2 . (f_1 - f_0)` to third order.
-        """
-        merit = state.merit
-        share = np.clip(merit / scale, 0.5 * goal / merit, 0.1)
-        # Where the law softens, its force is held while the others adapt.
-        stiffness = np.maximum(state.tangent, 0.0)
-        step, definite = _conjugate_gradients(self.apply, stiffness, -state.defect, share * merit)
-        ceiling = np.maximum(state.overlap, self._delta) + scale
-        full = trial = self.at(np.minimum(state.overlap + step, ceiling))
-        if not definite:
-            self.hint = "; contacts may be closer together than their size allows"
-        size = 1.0
-        for _ in range(HALVINGS):
-            if definite:
-                better = trial.merit < (1 - 1e-4 * size) * merit
-            else:
-                loss = (state.defect + trial.defect) @ (trial.force - state.force)
-                better = bool(loss < 0)
-            if better or trial.error <= goal:
-                return trial
-            size /= 2
-            trial = self.at(np.minimum(state.overlap + size * step, ceiling))
-        return full  # across a kink of the law the residual may have to grow
-
-
-def _conjugate_gradients(
-    apply: Callable[[Array], Array], k: Array, b: Array, goal: float
-) -> tuple[Array, bool]:
-    """Solve `(I + C K) s = b` to within `goal`, and tell whether `K + K C K` was positive.
-
-    If not, this is what it came to before that showed; at the first step, the fixed-point step `b`.
-    """
-    s: Array = np.zeros(len(b))
-    r: Array = b.copy()
-    loaded = k > 0
-    p, rr = r, r @ (k * r)
-    for _ in range(2 * len(b)):
-        if np.abs(r[loaded]).max(initial=0.0) <= goal:
-            break
-        q = p + apply(k * p)
-        curvature = (k * p) @ q
-        if not curvature > 0:
-            return np.where(loaded, s, s + r) if s.any() else b, False
-        s = s + (rr / curvature) * p
-        r = r - (rr / curvature) * q
-        rr, previous = r @ (k * r), rr
-        p = r + (rr / previous) * p
-    return np.where(loaded, s, s + r), True

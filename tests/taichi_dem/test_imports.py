@@ -107,8 +107,8 @@ def test_the_half_space_is_asked_in_one_place(module):
 @pytest.mark.parametrize("name", [name for name in FILES if name.startswith("halfspace.")])
 def test_the_half_space_knows_nothing_of_particles(name):
     used = {other.split(".")[0] for other in imports(name, outright=False)}
-    compilers = {"taichi", "quadrants"} if name == "halfspace.mesh" else set()
-    assert used <= set(sys.stdlib_module_names) | LIGHT | {"halfspace"} | compilers
+    more = {"halfspace.mesh": {"taichi", "quadrants"}, "halfspace.pictures": {"matplotlib"}}
+    assert used <= set(sys.stdlib_module_names) | LIGHT | {"halfspace"} | more.get(name, set())
 
 
 @pytest.mark.parametrize("name", FILES)

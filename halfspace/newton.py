@@ -1,0 +1,219 @@
+"""One equation for all contacts, and a step towards its solution; `solve` says what it solves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .checks import Array
+from .plan import Plan
+from .spheres import Points, Spheres
+
+Law = Callable[[Array], tuple[Array, Array]]
+
+HALVINGS = 10  # of a Newton step that does not improve the state
+MATTER = 0.1  # share of the residual from which on points of contact come first
+EASE = 0.03  # residual of the forces, over that of the points of contact, until these are found
+
+
+@dataclass(frozen=True)
+class State:
+    """A guess and what follows from it: `defect` is F, `missing` the largest that counts, m.
+
+    offset (n, 2), m: of the points of contact; wrong (n, 2), m: by how much, and tilt, m, what that
+    makes of the overlaps, at most; slope (n, 2), or None where nothing depends on it.
+    """
+
+    overlap: Array
+    force: Array
+    tangent: Array
+    displacement: Array
+    defect: Array
+    missing: float
+    offset: Array
+    wrong: Array
+    tilt: float
+    slope: Array | None
+
+    @property
+    def error(self) -> float:
+        return max(self.missing, self.tilt)
+
+    @property
+    def merit(self) -> float:
+        return float(np.abs(self.defect).max(initial=0.0))
+
+
+class Problem:
+    def __init__(
+        self,
+        plan: Plan,
+        x: Array,
+        delta: Array,
+        law: Law,
+        opening: Array,
+        spheres: Spheres | None,
+        offset: Array,
+    ) -> None:
+        self._plan, self._law = plan, law
+        self._spheres = spheres if plan.coupling == "finite" else None
+        self._x, self._delta, self._opening = x, delta, opening
+        self._offset = offset  # of the plan
+        self._points, self._together = Points(), True
+        self.applications = 0
+        self.hint = ""
+
+    def linear(self, f: Array) -> Callable[[Array], Array]:
+        """`df -> dw` at the forces f."""
+        size = None if self._spheres is None else self._spheres.contact_radius(f)
+        tangent = self._plan.tangent(f, size)
+
+        def apply(df: Array) -> Array:
+            if not df.any():
+                return np.zeros(len(df))
+            self.applications += 1
+            return tangent(df)
+
+        return apply
+
+    def open(self, offset: Array) -> State:
+        """No contact can carry load: the surface is flat."""
+        zero, flat = np.zeros(len(self._delta)), np.zeros_like(offset)
+        return State(self._delta.copy(), zero, zero, zero, zero, 0.0, flat, flat, 0.0, flat)
+
+    def at(self, d: Array, offset: Array) -> State:
+        force, tangent = self._forces(d)
+        if offset is not self._offset:
+            self._plan.refresh(self._x + offset)
+            self._offset = offset
+        spheres, n = self._spheres, len(d)
+        w, slope, lost = np.zeros(n), None, np.zeros(n)
+        wrong, tilt = np.zeros_like(offset), 0.0
+        if force.any():
+            self.applications += 1
+            if spheres is None:
+                w = self._plan.apply(force)
+            else:
+                w, slope = self._plan.displacement(force, spheres.contact_radius(force))
+        if spheres is not None:
+            lost = (offset**2).sum(axis=1) / (2 * spheres.radius)
+            slope = np.zeros_like(offset) if slope is None else slope
+            wrong = spheres.radius[:, None] * slope - offset
+            tilt = spheres.tilt(wrong, slope, force)
+        reached = self._delta - w - lost
+        # An open contact that stays open solves its equation outright.
+        d = np.where(np.maximum(d, reached) <= self._opening, reached, d)
+        error = np.maximum(d, self._opening) - np.maximum(reached, self._opening)
+        missing = float(np.abs(error).max(initial=0.0))
+        return State(
+            d, force, tangent, w, d - reached, missing, offset, wrong, tilt, slope
+        )  # fmt: skip
+
+    def slope(self, state: State) -> Array:
+        """At a state found before."""
+        if state.slope is not None:
+            return state.slope
+        return self._plan.slope(state.force)
+
+    def _forces(self, d: Array) -> tuple[Array, Array]:
+        closed = d > self._opening
+        values = self._law(np.maximum(d, self._opening))
+        if not isinstance(values, tuple) or len(values) != 2:
+            raise ValueError(f"law returned {type(values).__name__}: must be (force, tangent)")
+        result = []
+        for name, value in zip(("force", "tangent"), values, strict=True):
+            value = np.asarray(value, dtype=np.float64)
+            if value.shape != d.shape:
+                raise ValueError(f"law returned a {name} of shape {value.shape}, not {d.shape}")
+            value = np.where(closed, value, 0.0)
+            if not np.isfinite(value).all():
+                k = int(np.flatnonzero(~np.isfinite(value))[0])
+                raise ValueError(
+                    f"law returned {name}[{k}] = {float(value[k])!r} at overlap {float(d[k])!r} m"
+                )
+            result.append(value)
+        return result[0], result[1]
+
+    def next(self, state: State, goal: float, scale: float) -> State:
+        """The state after one Newton step, and with better points of contact.
+
+        Both at once if that brings it on, or points alone where they matter more. If not, first
+        forces for the same points, then points.
+        """
+        if self._together and state.tilt > max(goal, MATTER * state.missing):
+            trial = self.at(state.overlap, state.offset + state.wrong)
+            if trial.tilt < 0.5 * state.tilt:
+                return trial
+            self._together = False
+        enough = max(goal, EASE * state.tilt)
+        step, definite = np.zeros(len(self._delta)), True
+        merit = state.merit
+        if state.missing > 0.5 * goal:
+            share = np.clip(merit / scale, 0.5 * enough / merit, 0.1)
+            # Where the law softens, its force is held while the others adapt.
+            stiffness = np.maximum(state.tangent, 0.0)
+            linear = self.linear(state.force)
+            step, definite = _conjugate_gradients(linear, stiffness, -state.defect, share * merit)
+        if not definite:
+            self.hint = "; contacts may be closer together than their size allows"
+        ceiling = np.maximum(state.overlap, self._delta) + scale
+        if self._together and definite and state.tilt > 0.5 * goal:
+            offset = state.offset + state.wrong
+            trial = self.at(np.minimum(state.overlap + step, ceiling), offset)
+            if trial.error <= goal or max(trial.merit, trial.tilt) < 0.5 * max(merit, state.tilt):
+                return trial
+            self._together = False
+        if state.missing > enough:
+            return self._newton(state, step, definite, ceiling, goal)
+        offset = self._points.next(state.offset, state.wrong, state.force != 0)
+        return self.at(state.overlap, offset)
+
+    def _newton(
+        self, state: State, step: Array, definite: bool, ceiling: Array, goal: float
+    ) -> State:
+        """The state after a step, halved until it is an improvement.
+
+        An improvement is a smaller defect, or, where the matrix was not positive and the defect is
+        no guide, a larger potential `U(f)`: its gradient is `-F`, so its change is
+        `-(F_0 + F_1)/2 . (f_1 - f_0)` to third order.
+        """
+        size = 1.0
+        full = trial = self.at(np.minimum(state.overlap + step, ceiling), state.offset)
+        for _ in range(HALVINGS):
+            if definite:
+                better = trial.merit < (1 - 1e-4 * size) * state.merit
+            else:
+                loss = (state.defect + trial.defect) @ (trial.force - state.force)
+                better = bool(loss < 0)
+            if better or trial.missing <= goal:
+                return trial
+            size /= 2
+            trial = self.at(np.minimum(state.overlap + size * step, ceiling), state.offset)
+        return full  # across a kink of the law the residual may have to grow
+
+
+def _conjugate_gradients(
+    apply: Callable[[Array], Array], k: Array, b: Array, goal: float
+) -> tuple[Array, bool]:
+    """Solve `(I + C K) s = b` to within `goal`, and tell whether `K + K C K` was positive.
+
+    If not, this is what it came to before that showed; at the first step, the fixed-point step `b`.
+    """
+    s: Array = np.zeros(len(b))
+    r: Array = b.copy()
+    loaded = k > 0
+    p, rr = r, r @ (k * r)
+    for _ in range(2 * len(b)):
+        if np.abs(r[loaded]).max(initial=0.0) <= goal:
+            break
+        q = p + apply(k * p)
+        curvature = (k * p) @ q
+        if not curvature > 0:
+            return np.where(loaded, s, s + r) if s.any() else b, False
+        s = s + (rr / curvature) * p
+        r = r - (rr / curvature) * q
+        rr, previous = r @ (k * r), rr
+        p = r + (rr / previous) * p
+    return np.where(loaded, s, s + r), True

@@ -15,6 +15,7 @@ from typing import Any
 
 from .choice import Choice
 from .ground import HalfSpace
+from .layers import Layer
 from .plan import Plan
 from .solve import Equilibrium, NotConverged, solve
 
@@ -22,6 +23,7 @@ __all__ = [
     "Choice",
     "Equilibrium",
     "HalfSpace",
+    "Layer",
     "NotConverged",
     "Plan",
     "reference",

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from types import NoneType
+from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
 from . import checks, direct, greens
 from .checks import Array
 from .choice import Choice, choose
+from .layers import Layer
 from .periodic import PeriodicSum
 from .plan import Plan
+
+if TYPE_CHECKING:
+    from .layer_sums import Pairs
 
 
 @dataclass(frozen=True)
@@ -28,8 +33,10 @@ class HalfSpace:
     densest (direct sums are exact to rounding); coupling: "point"; period: (Lx, Ly), m, the sides
     of a cell that repeats itself along x and y, or None (the mean depression of a periodic
     half-space is taken as zero, and a contact feels its own images: `halfspace.periodic`); layer:
-    None; workers: threads of Fourier transforms, as in `scipy.fft`. Raises ValueError for arguments
-    without sense, NotImplementedError for a coupling or layer that there is not.
+    a `Layer` of finite thickness on a rigid base, or None (a contact then feels the base by its own
+    force too, and the mean depression of a periodic layer is what it is: `halfspace.layers`);
+    workers: threads of Fourier transforms, as in `scipy.fft`. Raises ValueError for arguments
+    without sense, NotImplementedError for a coupling that there is not.
     """
 
     youngs_modulus: float
@@ -37,7 +44,7 @@ class HalfSpace:
     tolerance: float = 1e-4
     coupling: str = "point"
     period: tuple[float, float] | None = None
-    layer: Any = None
+    layer: Layer | None = None
     workers: int | None = None
 
     def __post_init__(self) -> None:
@@ -62,10 +69,8 @@ class HalfSpace:
             raise error(f'coupling = {self.coupling!r}: available is "point"')
         if self.period is not None:
             object.__setattr__(self, "period", checks.sides("period", self.period))
-        if self.layer is not None:
-            raise NotImplementedError(
-                f"layer = {self.layer!r}: available is None, a half-space of one material"
-            )
+        if not isinstance(self.layer, (Layer, NoneType)):
+            raise ValueError(f"layer = {self.layer!r}: must be a halfspace.Layer or None")
         if self.workers is not None:
             checks.whole("workers", abs(self.workers))
             if self.workers == 0:
@@ -88,7 +93,7 @@ class HalfSpace:
         """
         checks.one_of("method", method, (None, "direct", "mesh"))
         arguments = self.modulus, self.tolerance, self.period, self.workers, method
-        return Plan(x, radius, *arguments)
+        return Plan(x, radius, *arguments, extra=self._extra if self.layer else None)
 
     def explain(self, x: ArrayLike, method: str | None = None) -> Choice:
         """How `plan` would sum over the contacts `x` (n, 2), and why: print it."""
@@ -131,18 +136,29 @@ class HalfSpace:
         f = checks.scalars("f", f, len(x))
         a = None if radius is None else checks.radii("radius", radius, len(x))
         if self.period is None:
-            return direct.field(x, f, points, self.modulus, a)
-        if a is not None:
+            w = direct.field(x, f, points, self.modulus, a)
+        elif a is None:
+            w = PeriodicSum(x, self.modulus, self.period).field(f, points)
+        else:
             raise NotImplementedError("radius: a periodic half-space has fields of points alone")
-        return PeriodicSum(x, self.modulus, self.period).field(f, points)
+        return w + self._extra(x, a).at(points, f) if self.layer else w
 
     def matrix(self, x: ArrayLike, radius: ArrayLike | None = None) -> Array:
         """The dense influence matrix (n, n), m/N, with `w = C f`; symmetric.
 
-        Its diagonal is zero, or in a periodic half-space what a contact's own images do to it.
+        Its diagonal is zero, or in a periodic half-space what a contact's own images do to it, and
+        on a layer what its base does.
         """
         x = checks.vectors("x", x)
         a = None if radius is None else checks.radii("radius", radius, len(x))
         if self.period is None:
-            return direct.DirectSum(x, self.modulus, a).matrix()
-        return PeriodicSum(x, self.modulus, self.period, a).matrix()
+            c = direct.DirectSum(x, self.modulus, a).matrix()
+        else:
+            c = PeriodicSum(x, self.modulus, self.period, a).matrix()
+        return c + self._extra(x).matrix() if self.layer else c
+
+    def _extra(self, x: Array, radius: Array | None = None) -> Pairs:
+        """What the layer adds to the sums."""
+        from .layer_sums import correction_of
+
+        return correction_of(self, x, radius)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from numpy.typing import ArrayLike
 
@@ -11,6 +11,9 @@ from . import checks
 from .checks import Array
 from .choice import Choice, choose
 from .direct import DirectSum
+
+if TYPE_CHECKING:
+    from .layer_sums import Pairs
 
 SIMILAR = 1.25  # ratio of numbers of contacts up to which a choice is not thought over
 
@@ -39,7 +42,9 @@ class Plan:
         period: tuple[float, float] | None = None,
         workers: int | None = None,
         method: str | None = None,
+        extra: Callable[[Array], Pairs] | None = None,
     ) -> None:
+        self._extra = extra
         self._modulus, self._tolerance, self._period = modulus, tolerance, period
         self._workers, self._method = workers, method
         self._check(x, radius)
@@ -77,6 +82,10 @@ class Plan:
     def _begin(self) -> None:
         self.choice: Choice = choose(self.x, self._tolerance, self._period, self._method)
         self._sum = self._summing()(self.x, self._modulus)
+        if self._extra is not None:
+            from .layer_sums import LayerSum
+
+            self._sum = LayerSum(self._sum, self._extra(self.x))
 
     def _summing(self) -> Callable[[Array, float], Sum]:
         """Imported where needed: the mesh starts the compiler of its loops."""

@@ -1,0 +1,350 @@
+"""Layers of finite thickness on a rigid base, against elasticity solved anew and closed forms."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.special import j0, j1
+
+import halfspace
+from halfspace import reference as ref
+from halfspace.layer_kernel import PIECE, REACH, correction
+from halfspace.layers import symbol
+
+E, NU, H = 2e4, 0.3, 0.02
+BASES = ("bonded", "frictionless")
+POISSONS_RATIOS = (-0.9, 0.0, 0.3, 0.45, 0.5)
+CASES = [("bonded", nu) for nu in POISSONS_RATIOS] + [("frictionless", 0.3)]
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(11)
+
+
+def ground(base="bonded", nu=NU, thickness=H, **options):
+    return halfspace.HalfSpace(E, nu, layer=halfspace.Layer(thickness, base), **options)
+
+
+def layout(rng, n=30, size=0.1):
+    return size * rng.random((n, 2)), 2 * rng.random(n)
+
+
+# -- the symbol ----------------------------------------------------------------------------------
+
+
+def plane_strain_depression(x, nu, base):
+    """u(q) G q/p for a layer with q h = x, from the equations of Lame, by collocation in depth.
+
+    In units of 1/q and G: `u'' - (k+1) u + k w' = 0` and `(k+1) w'' - w - k u' = 0` for the
+    displacements `u cos x` and `w sin x` at the height z, `k = 1/(1 - 2 nu)`. Chebyshev's points.
+    """
+    n = 40
+    z = np.cos(np.pi * np.arange(n + 1) / n)
+    c = np.r_[2, np.ones(n - 1), 2] * (-1.0) ** np.arange(n + 1)
+    d = np.outer(c, 1 / c) / (z[:, None] - z + np.eye(n + 1))
+    d -= np.diag(d.sum(axis=1))
+    d *= 2 / x  # heights from 0 (row 0) to -x (the last row)
+    k, one, none = 1 / (1 - 2 * nu), np.eye(n + 1), np.zeros((n + 1, n + 1))
+    lame = np.block([[d @ d - (k + 1) * one, k * d], [-k * d, (k + 1) * d @ d - one]])
+    right = np.zeros(2 * n + 2)
+    shear = np.block([d, one])
+    lame[0] = shear[0]
+    lame[n + 1] = np.block([-(k - 1) * one, (k + 1) * d])[0]  # sigma_zz / G
+    right[n + 1] = -1.0
+    lame[n] = shear[n] if base == "frictionless" else np.block([one, none])[n]
+    lame[2 * n + 1] = np.block([none, one])[n]
+    return -np.linalg.solve(lame, right)[n + 1]
+
+
+@pytest.mark.parametrize("x", [0.05, 0.7, 2.0, 6.0])
+@pytest.mark.parametrize(("base", "nu"), [("bonded", -0.5), ("bonded", 0.3), ("frictionless", 0.2)])
+def test_symbol_against_the_equations_of_elasticity(base, nu, x):
+    halfspace_depression = 1 - nu
+    expected = plane_strain_depression(x, nu, base) / halfspace_depression
+    assert symbol(x, nu, base) == pytest.approx(expected, rel=1e-8)
+
+
+@pytest.mark.parametrize(("base", "nu"), CASES)
+def test_limits_of_the_symbol(base, nu):
+    assert symbol(50.0, nu, base) == pytest.approx(1, rel=1e-14)
+    assert symbol(1e300, nu, base) == 1 and symbol(0.0, nu, base) == 0
+    x = 10.0 ** np.arange(-8, -2)
+    first = halfspace.Layer(1.0, base).uniform(nu) * x
+    if first.any():
+        assert symbol(x, nu, base) == pytest.approx(first, rel=2e-5)
+    else:  # incompressible and bonded: u = q^2 h^3 p/E
+        modulus = 1 / (1 - nu**2)
+        assert 2 / (modulus * x) * symbol(x, nu, base) == pytest.approx(x**2, rel=1e-5)
+
+
+def test_the_series_near_zero_meets_the_closed_form():
+    x = np.array([0.5 - 1e-9, 0.5 + 1e-9])
+    below, above = symbol(x, 0.5, "bonded")
+    assert above - below == pytest.approx(2e-9 * (symbol(0.51, 0.5, "bonded") - below) / 0.01, 0.1)
+    exact = (np.sinh(2 * x) - 2 * x) / (np.cosh(2 * x) + 2 * x**2 + 1)
+    assert [below, above] == pytest.approx(exact, rel=1e-14)
+
+
+# -- the real-space kernel -----------------------------------------------------------------------
+
+
+def panels(function, low, high, count, nodes=20):
+    """Gauss-Legendre on `count` panels."""
+    node, weight = np.polynomial.legendre.leggauss(nodes)
+    width = (high - low) / count
+    x = (low + width * (np.arange(count)[:, None] + (node + 1) / 2)).ravel()
+    return function(x) @ np.tile(weight * width / 2, count)
+
+
+@pytest.mark.parametrize(("base", "nu"), CASES)
+def test_correction_is_the_transform_of_the_symbol(rng, base, nu):
+    t = np.r_[0, 1e-9, PIECE * np.arange(1, 4), REACH * rng.random(40), REACH, REACH + 1e-9, 60, 90]
+    exact = panels(lambda x: j0(t[:, None] * x) * (symbol(x, nu, base) - 1), 0, 30, 300)
+    kernel = correction(nu, base)
+    assert np.abs(kernel.value(t) - exact).max() < 2e-13
+    value, steep = kernel.steepness(t)
+    assert np.array_equal(value, kernel.value(t))
+    exact = panels(lambda x: -x * j1(t[:, None] * x) * (symbol(x, nu, base) - 1), 0, 30, 300)
+    assert np.abs(steep - exact).max() < 2e-11
+    assert kernel.origin == pytest.approx(kernel.value(0.0), rel=1e-12)
+    assert kernel.value(1e-3) - kernel.origin == pytest.approx(1e-6 * kernel.curvature, rel=1e-5)
+
+
+def test_known_values():
+    """D(0) for a frictionless base is Lebedev & Ufliand's 1.168; bonded, nu = 1/2, the first
+    coefficient of a sphere's force, 2/pi D(0) = -1.13 (Dimitriadis et al., Biophys. J. 82, 2798,
+    2002, from a fit that is good to 1 %)."""
+    assert correction(0.3, "frictionless").origin == pytest.approx(-1.168, abs=5e-4)
+    assert correction(0.1, "frictionless").origin == correction(0.4, "frictionless").origin
+    for nu in (0.0, 0.3, 0.45, 0.5):
+        fit = -(1.2876 - 1.4678 * nu + 1.3442 * nu**2) / (1 - nu)
+        assert correction(nu, "bonded").origin == pytest.approx(fit, rel=0.08)
+
+
+def test_influence_of_an_incompressible_layer_changes_sign_and_dies_out():
+    """Volume is kept: the depression of a point force integrates to nothing; it is soon gone."""
+    kernel = correction(0.5, "bonded")
+    t = np.linspace(0.01, 40, 20000)
+    influence = 1 / t + kernel.value(t)
+    assert influence[0] > 0 > influence[np.searchsorted(t, 3.0)]
+    assert np.abs(influence[t > 30]).max() < 1e-10
+    # The pole of S next to the real axis is at cos y = y, so y = 0.739.
+    far = np.abs(influence[[5000, 7500]] * np.sqrt(t[[5000, 7500]]))
+    rate = -np.diff(np.log(far))[0] / (t[7500] - t[5000])
+    assert rate == pytest.approx(brentq(lambda y: np.cos(y) - y, 0, 1), rel=0.02)
+    volume = panels(lambda t: 1 + t * kernel.value(t), 0, 45, 180)
+    assert volume == pytest.approx(0, abs=1e-11)
+
+
+@pytest.mark.parametrize(("base", "nu"), [("bonded", 0.3), ("frictionless", 0.5), ("bonded", 0.45)])
+def test_uniform_pressure_from_the_kernel(base, nu):
+    """The volume under the influence of a force: p h (1+nu)(1-2nu)/(E(1-nu)) per unit area."""
+    kernel = correction(nu, base)
+    modulus = E / (1 - nu**2)
+    volume = 2 * np.pi * panels(lambda t: 1 + t * kernel.value(t), 0, 45, 180)
+    depression = H * volume / (np.pi * modulus)
+    expected = H * (1 + nu) * (1 - 2 * nu) / (E * (1 - nu)) if base == "bonded" else H / modulus
+    assert depression == pytest.approx(expected, rel=1e-10)
+    assert 2 * halfspace.Layer(H, base).uniform(nu) / modulus == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize("x", [0.2, 1.0, 4.0])
+@pytest.mark.parametrize("nu", [0.3, 0.5])
+def test_wave_of_pressure_from_the_kernel(nu, x):
+    """Summing the kernel over a wave of pressure gives 2/(E' q) S(q h) p."""
+    kernel = correction(nu, "bonded")
+    response = panels(lambda t: j0(x * t) * (1 + t * kernel.value(t)), 0, 45, 200)
+    q = x / H
+    modulus = E / (1 - nu**2)
+    from_kernel = 2 * np.pi * H * response / (np.pi * modulus)
+    closed = halfspace.Layer(H).symbol(q, nu) * ref.sinusoidal_depression(1.0, q, modulus)
+    assert from_kernel == pytest.approx(closed, rel=1e-10)
+
+
+# -- the interface -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("period", [None, (0.1, 0.07)])
+@pytest.mark.parametrize("base", BASES)
+def test_interface(rng, base, period):
+    layer = ground(base, period=period)
+    x, f = layout(rng)
+    g = rng.standard_normal(len(f))
+    c = layer.matrix(x)
+    assert np.abs(c - c.T).max() < 1e-15 * np.abs(c).max()
+    w, slope = layer.displacement(x, f)
+    assert w == pytest.approx(c @ f, rel=1e-12, abs=1e-13 * np.abs(w).max())
+    plan = layer.plan(x)
+    assert plan.apply(f) == pytest.approx(w, rel=1e-12, abs=1e-13 * np.abs(w).max())
+    assert np.array_equal(plan.slope(f), slope)
+    assert f @ plan.apply(g) == pytest.approx(g @ plan.apply(f), rel=1e-11)
+    plan.refresh(x[::-1] + 1e-3)
+    assert plan.apply(f[::-1])[::-1] == pytest.approx(w, rel=1e-9, abs=1e-9 * np.abs(w).max())
+    # Where a contact without load lies, the field is what it feels.
+    idle = np.where(np.arange(len(f)) == 3, 0.0, f)
+    assert layer.field(x, idle, x[3:4]) == pytest.approx(layer.displacement(x, idle)[0][3:4])
+
+
+@pytest.mark.parametrize("period", [None, (0.1, 0.07)])
+def test_slope_is_the_derivative_of_the_energy(rng, period):
+    layer = ground(nu=0.5, period=period)
+    x, f = layout(rng, 8)
+    _, slope = layer.displacement(x, f)
+
+    def error(step):
+        worst = 0.0
+        for k in range(len(f)):
+            for axis in (0, 1):
+                move = np.zeros_like(x)
+                move[k, axis] = step
+                change = f @ (layer.matrix(x + move) - layer.matrix(x - move)) @ f / (4 * step)
+                worst = max(worst, abs(change + f[k] * slope[k, axis]))
+        return worst
+
+    steps = 4e-5 * 0.5 ** np.arange(3)
+    order = np.polyfit(np.log(steps), np.log([error(s) for s in steps]), 1)[0]
+    assert order == pytest.approx(2, abs=0.1)
+
+
+@pytest.mark.parametrize("base", BASES)
+def test_a_deep_layer_is_the_half_space(rng, base):
+    """The difference is D(0)/(pi E' h) times the whole load: the base is felt as one."""
+    x, f = layout(rng)
+    bare, differences = halfspace.HalfSpace(E, NU).displacement(x, f)[0], []
+    depths = 10.0 ** np.arange(1, 5)
+    for h in depths:
+        differences.append(ground(base, thickness=h).displacement(x, f)[0] - bare)
+    modulus = E / (1 - NU**2)
+    expected = correction(NU, base).origin * f.sum() / (np.pi * modulus * depths)
+    assert np.array(differences) == pytest.approx(np.tile(expected, (30, 1)).T, rel=1e-3)
+    assert np.array(differences[1:]) == pytest.approx(np.tile(expected[1:], (30, 1)).T, rel=1e-5)
+
+
+def test_a_thin_layer_is_a_bed_of_springs():
+    """Under a wide load of p: p h (1+nu)(1-2nu)/(E(1-nu)), and the ripple between its points, which
+    are too near each other to feel the base, as on a half-space."""
+    h, pressure = 1e-3, 3.0
+    s = h / 2
+    x = s * np.stack(np.meshgrid(np.arange(-25, 26), np.arange(-25, 26)), axis=-1).reshape(-1, 2)
+    f, middle = np.full(len(x), pressure * s**2), np.array([[s / 2, s / 2]])
+    ripple = halfspace.HalfSpace(E, NU, period=(s, s)).field(x[:1], f[:1], middle)[0]
+    expected = pressure * h * (1 + NU) * (1 - 2 * NU) / (E * (1 - NU)) + ripple
+    assert ground(thickness=h).field(x, f, middle)[0] == pytest.approx(expected, rel=1e-4)
+    periodic = ground(thickness=h, period=(s, s)).field(x[:1], f[:1], middle)[0]
+    assert periodic == pytest.approx(expected, rel=1e-7)
+
+
+def test_periodic_cell_is_the_sum_over_its_images(rng):
+    period = (0.1, 0.07)
+    x, f = layout(rng, 6, 0.07)
+    periodic = ground("frictionless", thickness=0.01, period=period).displacement(x, f)
+    images = np.stack(np.meshgrid(np.arange(-5, 6), np.arange(-6, 7)), -1).reshape(-1, 2) * period
+    free = ground("frictionless", thickness=0.01)
+    order = np.r_[np.flatnonzero(~images.any(axis=1)), np.flatnonzero(images.any(axis=1))]
+    everywhere = (x + images[order, None]).reshape(-1, 2)
+    plan = free.plan(everywhere, method="direct")
+    w, slope = plan.displacement(np.tile(f, len(images)))
+    assert periodic[0] == pytest.approx(w[:6], rel=1e-10)
+    assert periodic[1] == pytest.approx(slope[:6], abs=1e-10 * np.abs(slope).max())
+    points = rng.random((5, 2)) * period
+    of_cell = ground("frictionless", thickness=0.01, period=period).field(x, f, points)
+    assert of_cell == pytest.approx(free.field(everywhere, np.tile(f, len(images)), points), 1e-10)
+
+
+def test_coincident_contacts_and_far_ones():
+    layer = ground()
+    x = np.array([[0.1, 0.1], [0.1, 0.1], [1e4, 0.1]])
+    w, slope = layer.displacement(x, [1.0, 2.0, 4.0])
+    own = correction(NU, "bonded").origin / (np.pi * layer.modulus * H)
+    assert w == pytest.approx([3 * own, 3 * own, 4 * own], rel=1e-12)
+    assert slope == pytest.approx(np.zeros((3, 2)), abs=1e-16)
+    assert layer.displacement([], [])[0].shape == (0,)
+
+
+# -- contacts on it ------------------------------------------------------------------------------
+
+
+def test_one_sphere_feels_the_base_by_its_own_force():
+    """d + D(0) F/(pi E' h) = delta, so F/F_Hertz = 1 + 1.127 c + 1.482 c^2 + ..., c = sqrt(R d)/h:
+    to this order Garcia & Garcia's (Biophys. J. 114, 2923, 2018) 1.133 and 1.497."""
+    layer = ground(nu=0.5, thickness=1.0)
+    radius = 1.0
+    law = ref.hertz_law(radius, layer.modulus)
+    ratio = []
+    chi = np.array([1e-3, 2e-3, 4e-3])
+    for delta in chi**2:
+        state = halfspace.solve(layer, [[0.0, 0.0]], [delta], law, residual=1e-13)
+        own = layer.matrix([[0.0, 0.0]])[0, 0]
+
+        def surplus(d, delta=delta, own=own):
+            return d + own * law(np.array(d))[0] - delta
+
+        expected = brentq(surplus, 0, 2 * delta, xtol=1e-16 * delta)
+        assert state.overlap[0] == pytest.approx(expected, rel=1e-10)
+        ratio.append(state.force[0] / law(np.array(delta))[0])
+    a = -2 / np.pi * correction(0.5, "bonded").origin
+    rest = (np.array(ratio) - 1 - a * chi) / chi**2
+    second = 2.625 * (2 / 3 * a) ** 2
+    assert rest[0] == pytest.approx(second, rel=5e-3)
+    assert [a, second] == pytest.approx([1.133, 1.497], rel=0.011)
+
+
+def test_mean_of_the_correction_under_a_hertz_pressure():
+    """The field of a contact of some size, against summing the kernel over its pressure."""
+    layer = ground(nu=0.4, thickness=1.0)
+    kernel = correction(0.4, "bonded")
+    bare = halfspace.HalfSpace(E, 0.4)
+    errors = []
+    for a in (0.2, 0.1):
+        for point in ([0.0, 0.0], [0.7, 0.0]):
+            node, weight = np.polynomial.legendre.leggauss(20)
+            slant = np.pi / 4 * (node + 1)
+            rho, turn = a * np.sin(slant), 2 * np.pi * np.arange(32) / 32
+            load = 1.5 * np.cos(slant) ** 2 * np.sin(slant) * weight * np.pi / 2
+            distance = np.hypot(point[0] - rho[:, None] * np.cos(turn), rho[:, None] * np.sin(turn))
+            exact = kernel.value(distance).mean(axis=1) @ load
+            args = [[0.0, 0.0]], [1.0], [point], [a]
+            extra = (layer.field(*args) - bare.field(*args))[0] * np.pi * layer.modulus
+            errors.append(abs(extra - exact))
+    assert np.log2(errors[0] / errors[2]) > 3.7 and np.log2(errors[1] / errors[3]) > 3.7
+
+
+@pytest.mark.parametrize("base", BASES)
+def test_spheres_in_equilibrium_on_a_layer(rng, base):
+    cells = np.stack(np.meshgrid(np.arange(6), np.arange(6)), -1).reshape(-1, 2)
+    x = cells + 0.2 * rng.random(cells.shape)
+    overlap = 0.03 * (1 + 0.5 * rng.standard_normal(len(x)))
+    layer = halfspace.HalfSpace(1.0, NU, layer=halfspace.Layer(1.0, base))
+    law = ref.hertz_law(1.0, layer.modulus)
+    state = halfspace.solve(layer, x, overlap, law, residual=1e-12)
+    reached = overlap - layer.matrix(x) @ state.force
+    closed = state.force > 0
+    assert np.abs(state.overlap - reached)[closed].max() < 1e-12 * overlap.max()
+    assert np.all(reached[~closed] <= 0)
+    assert (law(np.maximum(state.overlap, 0))[0] == state.force).all()
+    deep = halfspace.solve(halfspace.HalfSpace(1.0, NU), x, overlap, law, residual=1e-12)
+    assert state.force.sum() > 1.2 * deep.force.sum()  # neighbours screen each other less
+
+
+def test_units(rng):
+    x, f = layout(rng)
+    length, stress = 2.0**-20, 2.0**30
+    w, slope = ground().displacement(x, f)
+    small = halfspace.HalfSpace(E * stress, NU, layer=halfspace.Layer(H * length))
+    scaled = small.displacement(x * length, f * stress * length**2)
+    assert scaled[0] == pytest.approx(w * length, rel=1e-13)
+    assert scaled[1] == pytest.approx(slope, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((0.0,), r"thickness = 0.0: must be a number > 0 m"),
+        ((np.inf,), r"thickness = inf: must be a number > 0 m"),
+        (("thick",), r"thickness = 'thick': must be a number > 0 m"),
+        ((1.0, "glued"), r"base = 'glued': must be 'bonded' or 'frictionless'"),
+    ],
+)
+def test_refused_layers(arguments, words):
+    with pytest.raises(ValueError, match=words):
+        halfspace.Layer(*arguments)

@@ -18,6 +18,8 @@ from .ground import HalfSpace
 from .layers import Layer
 from .plan import Plan
 from .solve import Equilibrium, NotConverged, solve
+from .tangential import VectorHalfSpace, VectorPlan
+from .viscoelastic import Viscoelastic
 
 __all__ = [
     "Choice",
@@ -26,6 +28,9 @@ __all__ = [
     "Layer",
     "NotConverged",
     "Plan",
+    "VectorHalfSpace",
+    "VectorPlan",
+    "Viscoelastic",
     "reference",
     "solve",
 ]

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from .checks import Array
+from .layer_kernel import LayerKernel
 from .splitting import Split
 from .window import Window
 
@@ -97,11 +98,12 @@ class Grid:
     accuracy: Accuracy = field(repr=False)
     period: tuple[float, float] | None = None
 
-    def influence(self) -> Array:
+    def influence(self, layer: LayerKernel | None = None) -> Array:
         """What a force on the grid does to its points: its transform.
 
         (rows, columns/2 + 1) of the torus, real, in units where a force f acts by f/r. The windows
-        at both ends are divided out.
+        at both ends are divided out. layer: what is added to 1/r; the grid holds it where it is at
+        least as thick as the cutoff, for its spectrum falls by `exp(-2 q h)`.
         """
         from scipy.fft import dctn
 
@@ -110,11 +112,15 @@ class Grid:
         if self.period is None:
             d = [self.spacing[0] * _round(m, ROUND * self.accuracy.cutoff) for m in self.torus]
             r = np.hypot(d[0][:, None], d[1])
-            symbol = dctn(split.smooth(r / self.cutoff) / self.cutoff, type=1)
+            kernel = split.smooth(r / self.cutoff) / self.cutoff
+            symbol = dctn(kernel if layer is None else kernel + layer.smooth(r), type=1)
         else:
             q = [k / h for k, h in zip(waves, self.spacing, strict=True)]
-            x = self.cutoff * np.hypot(q[0][:, None], q[1])
-            symbol = split.spectrum(x) * self.cutoff / (self.spacing[0] * self.spacing[1])
+            wave = np.hypot(q[0][:, None], q[1])
+            symbol = split.spectrum(self.cutoff * wave) * self.cutoff
+            if layer is not None:
+                symbol += layer.spectrum(wave)
+            symbol /= self.spacing[0] * self.spacing[1]
         for axis, k in enumerate(waves):
             symbol /= np.expand_dims(window.transform(k) ** 2, 1 - axis)
         return np.concatenate([symbol, symbol[-2:0:-1]])

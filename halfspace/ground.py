@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import NoneType
-from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
 from . import checks, direct, greens
 from .checks import Array
 from .choice import Choice, choose
+from .layer_kernel import LayerKernel
+from .layer_sums import Pairs, correction_of
 from .layers import Layer
 from .periodic import PeriodicSum
 from .plan import Plan
-
-if TYPE_CHECKING:
-    from .layer_sums import Pairs
 
 
 @dataclass(frozen=True)
@@ -93,12 +91,13 @@ class HalfSpace:
         """
         checks.one_of("method", method, (None, "direct", "mesh"))
         arguments = self.modulus, self.tolerance, self.period, self.workers, method
-        return Plan(x, radius, *arguments, extra=self._extra if self.layer else None)
+        return Plan(x, radius, *arguments, layer=self._kernel)
 
     def explain(self, x: ArrayLike, method: str | None = None) -> Choice:
         """How `plan` would sum over the contacts `x` (n, 2), and why: print it."""
         checks.one_of("method", method, (None, "direct", "mesh"))
-        return choose(checks.vectors("x", x), self.tolerance, self.period, method)
+        thickness = None if self.layer is None else self.layer.thickness
+        return choose(checks.vectors("x", x), self.tolerance, self.period, method, thickness)
 
     def displacement(
         self, x: ArrayLike, f: ArrayLike, radius: ArrayLike | None = None
@@ -141,7 +140,7 @@ class HalfSpace:
             w = PeriodicSum(x, self.modulus, self.period).field(f, points)
         else:
             raise NotImplementedError("radius: a periodic half-space has fields of points alone")
-        return w + self._extra(x, a).at(points, f) if self.layer else w
+        return w if self._kernel is None else w + self._extra(x, a).at(points, f)
 
     def matrix(self, x: ArrayLike, radius: ArrayLike | None = None) -> Array:
         """The dense influence matrix (n, n), m/N, with `w = C f`; symmetric.
@@ -155,10 +154,13 @@ class HalfSpace:
             c = direct.DirectSum(x, self.modulus, a).matrix()
         else:
             c = PeriodicSum(x, self.modulus, self.period, a).matrix()
-        return c + self._extra(x).matrix() if self.layer else c
+        return c if self._kernel is None else c + self._extra(x).matrix()
+
+    @property
+    def _kernel(self) -> LayerKernel | None:
+        return None if self.layer is None else LayerKernel(self.layer, self.poissons_ratio)
 
     def _extra(self, x: Array, radius: Array | None = None) -> Pairs:
         """What the layer adds to the sums."""
-        from .layer_sums import correction_of
-
-        return correction_of(self, x, radius)
+        assert self._kernel is not None
+        return correction_of(x, self.modulus, self._kernel, self.period, radius)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .checks import Array
-from .layers import symbol
+from .layers import Layer, symbol
 
 REACH = 48.0  # the slowest of all layers has exp(-0.739 REACH) = 4e-16 left there
 PIECE = 0.25
@@ -93,6 +93,32 @@ def _derivative(coefficients: Array, order: int) -> Array:
         powers = np.arange(len(coefficients) - 1, 0, -1)
         coefficients = coefficients[:-1] * powers[:, None]
     return coefficients
+
+
+class LayerKernel:
+    """What a layer adds to the half-space's 1/r, in the same units: a force f acts by f times it.
+
+    smooth(r): `D(r/h)/h`, 1/m, at distances r, m; spectrum(q): its Fourier transform over the
+    plane, m, at q, rad/m, >= 0; at q = 0 with that of 1/r, which a periodic half-space leaves out.
+    """
+
+    def __init__(self, layer: Layer, poissons_ratio: float) -> None:
+        self.layer, self.poissons_ratio = layer, poissons_ratio
+        self.thickness = layer.thickness
+
+    @property
+    def table(self) -> Correction:
+        return correction(self.poissons_ratio, self.layer.base)
+
+    def smooth(self, r: ArrayLike) -> Array:
+        t = np.asarray(r, dtype=np.float64) / self.thickness
+        return self.table.value(t) / self.thickness
+
+    def spectrum(self, q: ArrayLike) -> Array:
+        q = np.asarray(q, dtype=np.float64)
+        symbol = self.layer.symbol(q, self.poissons_ratio) - 1
+        mean = self.layer.uniform(self.poissons_ratio)
+        return 2 * np.pi * np.where(q > 0, symbol / np.where(q > 0, q, 1.0), mean)
 
 
 @lru_cache(maxsize=16)

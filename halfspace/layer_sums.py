@@ -13,26 +13,29 @@ import numpy as np
 
 from .checks import Array
 from .direct import BLOCK, KEEP
-from .layer_kernel import Correction, correction
-from .layers import Layer
+from .layer_kernel import LayerKernel
 
 if TYPE_CHECKING:
-    from .ground import HalfSpace
     from .plan import Sum
 
 WAVES = 20.0  # highest q h of a periodic correction: S - 1 is below 1e-15 there
 
 
-def correction_of(ground: HalfSpace, x: Array, radius: Array | None = None) -> Pairs:
-    """What the layer of `ground` adds to the sums over the contacts `x` (n, 2), m.
+def correction_of(
+    x: Array,
+    modulus: float,
+    kernel: LayerKernel,
+    period: tuple[float, float] | None,
+    radius: Array | None = None,
+) -> Pairs:
+    """What a layer adds to the sums over the contacts `x` (n, 2), m.
 
-    radius: (n,) contact radii, m, of Hertz pressures, to the third order in `a/h`; in `at` alone.
+    modulus: `E'`, Pa; period: (Lx, Ly), m, or None; radius: (n,) contact radii, m, of Hertz
+    pressures, to the third order in `a/h`; for `at` alone, and not in a periodic cell.
     """
-    layer = ground.layer
-    assert layer is not None
-    if ground.period is not None:
-        return Waves(x, ground, layer, ground.period)
-    return Pairs(x, ground, layer, radius)
+    if period is not None:
+        return Waves(x, modulus, kernel, period)
+    return Pairs(x, modulus, kernel, radius)
 
 
 class LayerSum:
@@ -66,12 +69,11 @@ class Pairs:
     """`sum_j D(r_kj/h) f_j / (pi E' h)`, pair by pair."""
 
     def __init__(
-        self, x: Array, ground: HalfSpace, layer: Layer, radius: Array | None = None
+        self, x: Array, modulus: float, kernel: LayerKernel, radius: Array | None = None
     ) -> None:
         self.x, self._radius = x, radius
-        self._h = layer.thickness
-        self._unit = 1 / (np.pi * ground.modulus * self._h)
-        self._kernel: Correction = correction(ground.poissons_ratio, layer.base)
+        self._h, self._table = kernel.thickness, kernel.table
+        self._unit = 1 / (np.pi * modulus * self._h)
 
     def at(self, points: Array, f: Array) -> Array:
         """Depression (m,), m, at `points` (m, 2)."""
@@ -82,15 +84,15 @@ class Pairs:
 
     def _value(self, r: Array) -> Array:
         if self._radius is None:
-            return self._kernel.value(r / self._h)
-        return self._kernel.spread(r / self._h, (self._radius / self._h) ** 2)
+            return self._table.value(r / self._h)
+        return self._table.spread(r / self._h, (self._radius / self._h) ** 2)
 
     def displacement(self, f: Array) -> tuple[Array, Array]:
         """Depression and slope of every contact."""
         w, slope = np.empty(len(f)), np.empty((len(f), 2))
         for rows, dx, dy in self._blocks(self.x):
             r = np.hypot(dx, dy)
-            value, steep = self._kernel.steepness(r / self._h)
+            value, steep = self._table.steepness(r / self._h)
             r[r == 0] = np.inf
             w[rows] = value @ f
             slope[rows, 0] = (steep * dx / r) @ f
@@ -101,7 +103,7 @@ class Pairs:
         """What is added to the influence matrix, (n, n), m/N: symmetric, on the diagonal too."""
         c = np.empty((len(self.x), len(self.x)))
         for rows, dx, dy in self._blocks(self.x):
-            c[rows] = self._kernel.value(np.hypot(dx, dy) / self._h)
+            c[rows] = self._table.value(np.hypot(dx, dy) / self._h)
         return c * self._unit
 
     def _blocks(self, points: Array) -> Iterator[tuple[slice, Array, Array]]:
@@ -120,18 +122,15 @@ class Waves(Pairs):
     """
 
     def __init__(
-        self, x: Array, ground: HalfSpace, layer: Layer, period: tuple[float, float]
+        self, x: Array, modulus: float, kernel: LayerKernel, period: tuple[float, float]
     ) -> None:
         self.x = x
-        counts = [int(WAVES * side / (2 * np.pi * layer.thickness)) + 1 for side in period]
+        counts = [int(WAVES * side / (2 * np.pi * kernel.thickness)) + 1 for side in period]
         self._q = 2 * np.pi / period[0] * np.arange(-counts[0], counts[0] + 1)
         self._p = 2 * np.pi / period[1] * np.arange(counts[1] + 1)
-        q = np.hypot(self._q[:, None], self._p)
-        q[counts[0], 0] = 1.0
-        symbol = (layer.symbol(q, ground.poissons_ratio) - 1) / q
-        symbol[counts[0], 0] = layer.uniform(ground.poissons_ratio)
+        symbol = kernel.spectrum(np.hypot(self._q[:, None], self._p))
         symbol[:, 1:] *= 2  # with their complex conjugates
-        self._symbol = 2 / (ground.modulus * period[0] * period[1]) * symbol
+        self._symbol = symbol / (np.pi * modulus * period[0] * period[1])
 
     def at(self, points: Array, f: Array) -> Array:
         across, along = self._phases(points)

@@ -20,6 +20,7 @@ from . import mesh_kernels as kernels
 from . import mesh_pairs
 from .checks import Array
 from .grid import Grid
+from .layer_kernel import LayerKernel
 
 SPARE = 1.1  # room for pairs, over what is needed: refreshed plans need a little more or less
 CROWDED = 3.0  # growth of that room at which a grid no longer suits
@@ -30,8 +31,9 @@ class MeshSum:
 
     x: (n, 2) positions, m; modulus: the plane-strain modulus `E'`, Pa; grid: one that they are on;
     radius: (n,) contact radii, m, or None, used for coincident contacts alone; workers: threads of
-    the transforms, as in `scipy.fft` (the compiled loops use `HALFSPACE_THREADS`). Raises
-    ValueError for contacts that are not on the grid.
+    the transforms, as in `scipy.fft` (the compiled loops use `HALFSPACE_THREADS`); layer: what one
+    adds to 1/r, on the grid and under each contact itself. Raises ValueError for contacts that are
+    not on the grid.
     """
 
     def __init__(
@@ -41,9 +43,10 @@ class MeshSum:
         grid: Grid,
         radius: Array | None = None,
         workers: int | None = None,
+        layer: LayerKernel | None = None,
     ) -> None:
         self.modulus, self.workers = modulus, workers
-        self.grid = grid
+        self.grid, self._layer = grid, layer
         self._value, self._index = np.empty(0), np.empty(0, np.int32)
         self._prepare(grid)
         self.x, self._most = np.empty((0, 2)), np.inf
@@ -59,7 +62,7 @@ class MeshSum:
         self._derivatives = np.ascontiguousarray(window.polynomials[:-1] * powers[:, None])
         self._short = split.polynomial
         self._own = split.origin / grid.cutoff
-        self._influence = grid.influence()
+        self._influence = grid.influence(self._layer)
         rows, columns = grid.points
         # As high as the cutoff, in whole rows: two contacts that near begin at most so many apart.
         self._bands = max(rows // int(np.ceil(grid.cutoff / grid.spacing[0])), 1)

@@ -13,7 +13,7 @@ from .choice import Choice, choose
 from .direct import DirectSum
 
 if TYPE_CHECKING:
-    from .layer_sums import Pairs
+    from .layer_kernel import LayerKernel
 
 SIMILAR = 1.25  # ratio of numbers of contacts up to which a choice is not thought over
 
@@ -42,9 +42,9 @@ class Plan:
         period: tuple[float, float] | None = None,
         workers: int | None = None,
         method: str | None = None,
-        extra: Callable[[Array], Pairs] | None = None,
+        layer: LayerKernel | None = None,
     ) -> None:
-        self._extra = extra
+        self._layer = layer
         self._modulus, self._tolerance, self._period = modulus, tolerance, period
         self._workers, self._method = workers, method
         self._check(x, radius)
@@ -80,20 +80,22 @@ class Plan:
         self._radius = None if radius is None else checks.radii("radius", radius, len(self.x))
 
     def _begin(self) -> None:
-        self.choice: Choice = choose(self.x, self._tolerance, self._period, self._method)
+        thickness = None if self._layer is None else self._layer.thickness
+        self.choice: Choice = choose(self.x, self._tolerance, self._period, self._method, thickness)
         self._sum = self._summing()(self.x, self._modulus)
-        if self._extra is not None:
-            from .layer_sums import LayerSum
+        if self._layer is not None and self.choice.grid is None:
+            from .layer_sums import LayerSum, correction_of
 
-            self._sum = LayerSum(self._sum, self._extra(self.x))
+            extra = correction_of(self.x, self._modulus, self._layer, self._period)
+            self._sum = LayerSum(self._sum, extra)
 
     def _summing(self) -> Callable[[Array, float], Sum]:
         """Imported where needed: the mesh starts the compiler of its loops."""
-        grid, radius = self.choice.grid, self._radius
+        grid, radius, layer = self.choice.grid, self._radius, self._layer
         if grid is not None:
             from .mesh import MeshSum
 
-            return lambda x, modulus: MeshSum(x, modulus, grid, radius, self._workers)
+            return lambda x, modulus: MeshSum(x, modulus, grid, radius, self._workers, layer)
         period = self._period
         if period is not None:
             from .periodic import PeriodicSum

@@ -326,3 +326,40 @@ def test_units(rng):
 def test_refused_layers(arguments, words):
     with pytest.raises(ValueError, match=words):
         halfspace.Layer(*arguments)
+
+
+# -- fast sums -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("period", [None, (30.0, 30.0)])
+@pytest.mark.parametrize("thickness", [0.3, 2.0, 50.0])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-8])
+def test_mesh_meets_its_tolerance(rng, tolerance, thickness, period):
+    """Of f_rms/(pi E' s), at a unit spacing and for layers thinner and thicker than that."""
+    x = 30 * rng.random((900, 2))
+    layer = halfspace.HalfSpace(
+        1 / np.pi, 0.0, tolerance, period=period, layer=halfspace.Layer(thickness)
+    )
+    mesh, direct = layer.plan(x, method="mesh"), layer.plan(x, method="direct")
+    assert mesh.choice.grid.cutoff <= thickness
+    for f in (rng.standard_normal(900), 2 * rng.random(900)):
+        rms = np.sqrt(np.mean(f**2))
+        w, slope = mesh.displacement(f)
+        right, steep = direct.displacement(f)
+        assert np.abs(w - right).max() < tolerance * rms
+        spacing = mesh.choice.grid.spacing[0]
+        assert np.sqrt(np.mean((slope - steep) ** 2)) * spacing < tolerance * rms
+        assert np.abs(mesh.apply(f) - w).max() < 1e-13 * rms
+
+
+def test_mesh_of_a_layer_is_chosen_renewed_and_explained(rng):
+    x = rng.random((3000, 2))
+    layer = ground(thickness=0.05)
+    plan = layer.plan(x)
+    assert plan.choice.method == layer.explain(x).method == "mesh"
+    f = rng.random(3000)
+    before = plan.apply(f)
+    plan.refresh(x + 1e-3)
+    scale = np.sqrt(3000.0) / (np.pi * layer.modulus)
+    assert np.abs(plan.apply(f) - before).max() < 2 * layer.tolerance * scale
+    assert layer.plan(x[:50]).choice.method == "direct"

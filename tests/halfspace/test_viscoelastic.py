@@ -115,8 +115,8 @@ def test_short_and_long_times(soil, rng, share):
 
 
 def test_what_is_returned_belongs_together(soil, rng):
-    """The equations at the step's end: d + C (f + c s) = delta, and the law from d to f + c s; where
-    the memory alone holds the surface down, there is no force."""
+    """At the step's end d + C (f + c s) = delta, and the law holds from d to f + c s; where the
+    memory alone keeps the surface down, there is no force."""
     x, overlap = layout(rng)
     law = ref.hertz_law(RADIUS, GROUND.modulus)
     soil.advance(TAU, 0.02 * rng.random(9))

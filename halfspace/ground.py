@@ -140,7 +140,8 @@ class HalfSpace:
             w = PeriodicSum(x, self.modulus, self.period).field(f, points)
         else:
             raise NotImplementedError("radius: a periodic half-space has fields of points alone")
-        return w if self._kernel is None else w + self._extra(x, a).at(points, f)
+        moment = None if a is None else f * a**2 / 10
+        return w if self._kernel is None else w + self._extra(x).at(points, f, moment)
 
     def matrix(self, x: ArrayLike, radius: ArrayLike | None = None) -> Array:
         """The dense influence matrix (n, n), m/N, with `w = C f`; symmetric.
@@ -160,7 +161,7 @@ class HalfSpace:
     def _kernel(self) -> LayerKernel | None:
         return None if self.layer is None else LayerKernel(self.layer, self.poissons_ratio)
 
-    def _extra(self, x: Array, radius: Array | None = None) -> Pairs:
+    def _extra(self, x: Array) -> Pairs:
         """What the layer adds to the sums."""
         assert self._kernel is not None
-        return correction_of(x, self.modulus, self._kernel, self.period, radius)
+        return correction_of(x, self.modulus, self._kernel, self.period)

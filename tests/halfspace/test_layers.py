@@ -8,7 +8,8 @@ from scipy.special import j0, j1
 
 import halfspace
 from halfspace import reference as ref
-from halfspace.layer_kernel import PIECE, REACH, correction
+from halfspace.layer_kernel import PIECE, REACH, LayerKernel, correction
+from halfspace.layer_sums import correction_of
 from halfspace.layers import symbol
 
 E, NU, H = 2e4, 0.3, 0.02
@@ -77,31 +78,42 @@ def panels(function, low, high, count, nodes=20):
 @pytest.mark.parametrize(("base", "nu"), CASES)
 def test_correction_is_the_transform_of_the_symbol(rng, base, nu):
     t = np.r_[0, 1e-9, PIECE * np.arange(1, 4), REACH * rng.random(40), REACH, REACH + 1e-9, 60, 90]
-    exact = panels(lambda x: j0(t[:, None] * x) * (symbol(x, nu, base) - 1), 0, 30, 300)
-    kernel = correction(nu, base)
-    assert np.abs(kernel.value(t) - exact).max() < 2e-13
-    value, steep = kernel.steepness(t)
-    assert np.array_equal(value, kernel.value(t))
-    exact = panels(lambda x: -x * j1(t[:, None] * x) * (symbol(x, nu, base) - 1), 0, 30, 300)
-    assert np.abs(steep - exact).max() < 2e-11
-    assert kernel.origin == pytest.approx(kernel.value(0.0), rel=1e-12)
-    assert kernel.value(1e-3) - kernel.origin == pytest.approx(1e-6 * kernel.curvature, rel=1e-5)
+
+    def transform(weight):
+        return panels(lambda x: weight(x) * (symbol(x, nu, base) - 1), 0, 30, 300)
+
+    tables = correction(nu, base)
+    for table, power in ((tables.value, 0), (tables.laplacian, 2)):
+        sign = 1 - power
+        exact = sign * transform(lambda x, k=power: x**k * j0(t[:, None] * x))
+        tolerance = (2e-13, 0, 1e-11)[power]
+        assert np.abs(table.value(t) - exact).max() < tolerance
+        value, steep = table.steepness(t)
+        assert np.array_equal(value, table.value(t))
+        exact = -sign * transform(lambda x, k=power: x ** (k + 1) * j1(t[:, None] * x))
+        assert np.abs(steep - exact).max() < 200 * tolerance
+        assert table.origin == pytest.approx(table.value(0.0), rel=1e-12)
+    # D = D(0) + L(0) t^2/4 + ...
+    rise = tables.value.value(1e-3) - tables.value.origin
+    assert rise == pytest.approx(2.5e-7 * tables.laplacian.origin, rel=1e-5)
 
 
 def test_known_values():
     """D(0) for a frictionless base is Lebedev & Ufliand's 1.168; bonded, nu = 1/2, the first
     coefficient of a sphere's force, 2/pi D(0) = -1.13 (Dimitriadis et al., Biophys. J. 82, 2798,
     2002, from a fit that is good to 1 %)."""
-    assert correction(0.3, "frictionless").origin == pytest.approx(-1.168, abs=5e-4)
-    assert correction(0.1, "frictionless").origin == correction(0.4, "frictionless").origin
+    assert correction(0.3, "frictionless").value.origin == pytest.approx(-1.168, abs=5e-4)
+    assert (
+        correction(0.1, "frictionless").value.origin == correction(0.4, "frictionless").value.origin
+    )
     for nu in (0.0, 0.3, 0.45, 0.5):
         fit = -(1.2876 - 1.4678 * nu + 1.3442 * nu**2) / (1 - nu)
-        assert correction(nu, "bonded").origin == pytest.approx(fit, rel=0.08)
+        assert correction(nu, "bonded").value.origin == pytest.approx(fit, rel=0.08)
 
 
 def test_influence_of_an_incompressible_layer_changes_sign_and_dies_out():
     """Volume is kept: the depression of a point force integrates to nothing; it is soon gone."""
-    kernel = correction(0.5, "bonded")
+    kernel = correction(0.5, "bonded").value
     t = np.linspace(0.01, 40, 20000)
     influence = 1 / t + kernel.value(t)
     assert influence[0] > 0 > influence[np.searchsorted(t, 3.0)]
@@ -117,7 +129,7 @@ def test_influence_of_an_incompressible_layer_changes_sign_and_dies_out():
 @pytest.mark.parametrize(("base", "nu"), [("bonded", 0.3), ("frictionless", 0.5), ("bonded", 0.45)])
 def test_uniform_pressure_from_the_kernel(base, nu):
     """The volume under the influence of a force: p h (1+nu)(1-2nu)/(E(1-nu)) per unit area."""
-    kernel = correction(nu, base)
+    kernel = correction(nu, base).value
     modulus = E / (1 - nu**2)
     volume = 2 * np.pi * panels(lambda t: 1 + t * kernel.value(t), 0, 45, 180)
     depression = H * volume / (np.pi * modulus)
@@ -130,7 +142,7 @@ def test_uniform_pressure_from_the_kernel(base, nu):
 @pytest.mark.parametrize("nu", [0.3, 0.5])
 def test_wave_of_pressure_from_the_kernel(nu, x):
     """Summing the kernel over a wave of pressure gives 2/(E' q) S(q h) p."""
-    kernel = correction(nu, "bonded")
+    kernel = correction(nu, "bonded").value
     response = panels(lambda t: j0(x * t) * (1 + t * kernel.value(t)), 0, 45, 200)
     q = x / H
     modulus = E / (1 - nu**2)
@@ -193,7 +205,7 @@ def test_a_deep_layer_is_the_half_space(rng, base):
     for h in depths:
         differences.append(ground(base, thickness=h).displacement(x, f)[0] - bare)
     modulus = E / (1 - NU**2)
-    expected = correction(NU, base).origin * f.sum() / (np.pi * modulus * depths)
+    expected = correction(NU, base).value.origin * f.sum() / (np.pi * modulus * depths)
     assert np.array(differences) == pytest.approx(np.tile(expected, (30, 1)).T, rel=1e-3)
     assert np.array(differences[1:]) == pytest.approx(np.tile(expected[1:], (30, 1)).T, rel=1e-5)
 
@@ -233,7 +245,7 @@ def test_coincident_contacts_and_far_ones():
     layer = ground()
     x = np.array([[0.1, 0.1], [0.1, 0.1], [1e4, 0.1]])
     w, slope = layer.displacement(x, [1.0, 2.0, 4.0])
-    own = correction(NU, "bonded").origin / (np.pi * layer.modulus * H)
+    own = correction(NU, "bonded").value.origin / (np.pi * layer.modulus * H)
     assert w == pytest.approx([3 * own, 3 * own, 4 * own], rel=1e-12)
     assert slope == pytest.approx(np.zeros((3, 2)), abs=1e-16)
     assert layer.displacement([], [])[0].shape == (0,)
@@ -260,7 +272,7 @@ def test_one_sphere_feels_the_base_by_its_own_force():
         expected = brentq(surplus, 0, 2 * delta, xtol=1e-16 * delta)
         assert state.overlap[0] == pytest.approx(expected, rel=1e-10)
         ratio.append(state.force[0] / law(np.array(delta))[0])
-    a = -2 / np.pi * correction(0.5, "bonded").origin
+    a = -2 / np.pi * correction(0.5, "bonded").value.origin
     rest = (np.array(ratio) - 1 - a * chi) / chi**2
     second = 2.625 * (2 / 3 * a) ** 2
     assert rest[0] == pytest.approx(second, rel=5e-3)
@@ -270,7 +282,7 @@ def test_one_sphere_feels_the_base_by_its_own_force():
 def test_mean_of_the_correction_under_a_hertz_pressure():
     """The field of a contact of some size, against summing the kernel over its pressure."""
     layer = ground(nu=0.4, thickness=1.0)
-    kernel = correction(0.4, "bonded")
+    kernel = correction(0.4, "bonded").value
     bare = halfspace.HalfSpace(E, 0.4)
     errors = []
     for a in (0.2, 0.1):
@@ -285,6 +297,40 @@ def test_mean_of_the_correction_under_a_hertz_pressure():
             extra = (layer.field(*args) - bare.field(*args))[0] * np.pi * layer.modulus
             errors.append(abs(extra - exact))
     assert np.log2(errors[0] / errors[2]) > 3.7 and np.log2(errors[1] / errors[3]) > 3.7
+
+
+@pytest.mark.parametrize("period", [None, (0.1, 0.07)])
+def test_moments_are_laplacians(rng, period):
+    """A force of some extent is four forces around its centre, to the fourth order of their way."""
+    x, f = layout(rng, 6)
+    kernel = LayerKernel(halfspace.Layer(H), NU)
+    errors = []
+    for step in (2e-3, 1e-3):
+        q = f * step**2 / 4
+        around = step * np.array([[1, 0], [-1, 0], [0, 1], [0, -1.0]])
+        near, steep, fall, steep_fall = correction_of(x, 1.0, kernel, period).pair_slope(f, q)
+        spread = (x[:, None] + around).reshape(-1, 2)
+        four = correction_of(spread, 1.0, kernel, period)
+        exact = four.at(x, np.repeat(f / 4, 4))
+        one = correction_of(x, 1.0, kernel, period)
+        assert one.at(x, f, q) == pytest.approx(near, rel=1e-12)
+        assert one.pair(f, q)[0] == pytest.approx(near, rel=1e-11)
+        assert one.pair(f, q)[1] == pytest.approx(steep, rel=1e-11)
+        ring = one.at(spread, f).reshape(-1, 4).mean(axis=1)
+        laplacian = 4 * (ring - one.at(x, f)) / step**2
+        errors.append([np.abs(near - exact).max(), np.abs(steep - laplacian).max()])
+        for index, found in enumerate((fall, steep_fall)):
+            for axis in (0, 1):
+                move = np.zeros_like(x)
+                move[2, axis] = 1e-5
+                ahead, behind = (
+                    correction_of(x + m, 1.0, kernel, period).pair(f, q)[index][2]
+                    for m in (move, -move)
+                )
+                slope = (behind - ahead) / 2e-5
+                assert found[2, axis] == pytest.approx(slope, abs=1e-5 * np.abs(found).max())
+    orders = np.log2(np.array(errors[0]) / errors[1])
+    assert orders == pytest.approx([4, 2], abs=0.1)
 
 
 @pytest.mark.parametrize("base", BASES)

@@ -350,6 +350,21 @@ def test_spheres_in_equilibrium_on_a_layer(rng, base):
     assert state.force.sum() > 1.2 * deep.force.sum()  # neighbours screen each other less
 
 
+def test_a_contact_too_wide_for_its_layer_is_reported():
+    """d - c d^(3/2) = delta has no root for delta > d*/3, d* = (2/(3 c))^2: it is said so."""
+    layer = ground(nu=0.5, thickness=1.0)
+    law = ref.hertz_law(1.0, layer.modulus)
+    own = -layer.matrix([[0.0, 0.0]])[0, 0] * law(np.array(1.0))[0]
+    turn = (2 / (3 * own)) ** 2
+    largest = turn / 3
+    state = halfspace.solve(layer, [[0.0, 0.0]], [0.99 * largest], law, residual=1e-10)
+    nearer = brentq(lambda d: d - own * d**1.5 - 0.99 * largest, 0, turn, xtol=1e-15)
+    assert state.overlap[0] == pytest.approx(nearer, rel=1e-7)
+    with pytest.raises(halfspace.NotConverged) as caught:
+        halfspace.solve(layer, [[0.0, 0.0]], [1.01 * largest], law)
+    assert np.isfinite(caught.value.state.force).all()
+
+
 def test_units(rng):
     x, f = layout(rng)
     length, stress = 2.0**-20, 2.0**30

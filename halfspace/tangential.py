@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 
 from . import checks
 from .checks import Array
-from .direct import BLOCK
+from .direct import BLOCK, KEEP
 from .ground import HalfSpace
 
 
@@ -55,6 +55,12 @@ class VectorHalfSpace:
         """`G = E/(2 (1 + nu))`, Pa."""
         return self.youngs_modulus / (2 * (1 + self.poissons_ratio))
 
+    @property
+    def compliances(self) -> tuple[float, float, float]:
+        """`nu`, `(1 - 2 nu)/2` and `1 - nu`, over `2 pi G`, 1/Pa."""
+        nu, unit = self.poissons_ratio, 1 / (2 * np.pi * self.shear_modulus)
+        return unit * nu, unit * (1 - 2 * nu) / 2, unit * (1 - nu)
+
     def plan(self, x: ArrayLike) -> VectorPlan:
         """The sums over one layout `x` (n, 2), m: `.apply(f)`, `.slope(f)`, `.refresh(x)`."""
         return VectorPlan(self, x)
@@ -72,48 +78,15 @@ class VectorHalfSpace:
         x, points = checks.vectors("x", x), checks.vectors("points", points)
         f = _loads(f, len(x))
         u = np.empty((len(points), 3))
-        for rows, d, inverse in _blocks(points, x, 0.0):
-            u[rows] = self._influence(d, inverse, f)
-            at_load = (inverse == 0) @ f.any(axis=1).astype(float) > 0
-            u[rows][at_load] = np.nan
+        acting = f.any(axis=1).astype(np.float64)
+        for rows, pairs in _blocks(points, x, 0.0):
+            u[rows] = pairs.kernel(self).apply(f)
+            u[rows][(pairs.inverse == 0) @ acting > 0] = np.nan
         return u
 
     def matrix(self, x: ArrayLike) -> Array:
         """The dense influence matrix (3n, 3n), m/N, `u.ravel() = C f.ravel()`: symmetric."""
-        plan = self.plan(x)
-        n = len(plan.x)
-        c = np.empty((n, 3, n, 3))
-        for axis in range(3):
-            unit = np.zeros((n, 3))
-            unit[:, axis] = 1.0
-            for rows, d, inverse in _blocks(plan.x, plan.x, plan.unresolved):
-                c[rows, :, :, axis] = self._kernel(d, inverse, unit).swapaxes(1, 2)
-        return c.reshape(3 * n, 3 * n)
-
-    def _kernel(self, d: Array, inverse: Array, f: Array) -> Array:
-        """Displacement (m, n, 3) of each point by each load."""
-        nu, shear = self.poissons_ratio, self.shear_modulus
-        way = d * inverse[..., None]  # unit vectors, zero for pairs left out
-        ahead = (way * f[:, :2]).sum(axis=-1)
-        u = np.empty((*inverse.shape, 3))
-        u[..., :2] = ((1 - nu) * f[:, :2] + nu * ahead[..., None] * way) / (2 * np.pi * shear)
-        u[..., :2] -= (1 - 2 * nu) / (4 * np.pi * shear) * way * f[:, 2, None]
-        u[..., 2] = (1 - 2 * nu) / (4 * np.pi * shear) * ahead
-        u[..., 2] += (1 - nu) / (2 * np.pi * shear) * f[:, 2]
-        return u * inverse[..., None]
-
-    def _influence(self, d: Array, inverse: Array, f: Array) -> Array:
-        return self._kernel(d, inverse, f).sum(axis=1)
-
-    def _steepness(self, d: Array, inverse: Array, f: Array) -> Array:
-        """Gradient (m, 2) of the depression w."""
-        nu, shear = self.poissons_ratio, self.shear_modulus
-        way = d * inverse[..., None]
-        ahead = (way * f[:, :2]).sum(axis=-1)
-        pull = (1 - 2 * nu) / (4 * np.pi * shear) * (f[:, :2] - 2 * ahead[..., None] * way)
-        push = (1 - nu) / (2 * np.pi * shear) * way * f[:, 2, None]
-        gradient: Array = ((pull - push) * (inverse**2)[..., None]).sum(axis=1)
-        return gradient
+        return self.plan(x).matrix()
 
 
 class VectorPlan:
@@ -127,21 +100,105 @@ class VectorPlan:
         """The same for contacts that have moved, come or gone, (n, 2) m."""
         self.x = checks.vectors("x", x)
         extent = float(np.ptp(self.x, axis=0).max()) if len(self.x) else 0.0
-        self.unresolved = np.finfo(np.float64).eps * extent
+        self._unresolved = np.finfo(np.float64).eps * extent
+        self._kept: Array | None = None
 
     def apply(self, f: Array) -> Array:
         """Displacement (n, 3), m, of every contact by the forces (n, 3), N, on the others."""
-        u = np.empty((len(self.x), 3))
-        for rows, d, inverse in _blocks(self.x, self.x, self.unresolved):
-            u[rows] = self._ground._influence(d, inverse, f)
+        if 9 * len(f) ** 2 <= KEEP:
+            if self._kept is None:
+                self._kept = self.matrix()
+            u: Array = (self._kept @ f.ravel()).reshape(-1, 3)
+            return u
+        u = np.empty((len(f), 3))
+        for rows, pairs in self._blocks():
+            u[rows] = pairs.kernel(self._ground).apply(f)
         return u
 
     def slope(self, f: Array) -> Array:
         """Gradient (n, 2) of the expansion `e = -w` at every contact."""
-        gradient = np.empty((len(self.x), 2))
-        for rows, d, inverse in _blocks(self.x, self.x, self.unresolved):
-            gradient[rows] = self._ground._steepness(d, inverse, f)
-        return -gradient
+        slope = np.empty((len(f), 2))
+        for rows, pairs in self._blocks():
+            slope[rows] = pairs.slope(self._ground, f)
+        return slope
+
+    def matrix(self) -> Array:
+        """As `VectorHalfSpace.matrix`."""
+        n = len(self.x)
+        c = np.empty((n, 3, n, 3))
+        for rows, pairs in self._blocks():
+            c[rows] = pairs.kernel(self._ground).blocks()
+        return c.reshape(3 * n, 3 * n)
+
+    def _blocks(self) -> Iterator[tuple[slice, _Ways]]:
+        return _blocks(self.x, self.x, self._unresolved)
+
+
+@dataclass(frozen=True)
+class _Kernel:
+    """The entries of the 3x3 blocks, (m, n) each, m/N; x, y along the surface, w down."""
+
+    xx: Array
+    xy: Array
+    yy: Array
+    wx: Array  # w under t_x; u_x under f is minus that
+    wy: Array
+    ww: Array
+
+    def apply(self, f: Array) -> Array:
+        x, y, down = f.T
+        return np.stack(
+            [
+                self.xx @ x + self.xy @ y - self.wx @ down,
+                self.xy @ x + self.yy @ y - self.wy @ down,
+                self.wx @ x + self.wy @ y + self.ww @ down,
+            ],
+            axis=1,
+        )
+
+    def blocks(self) -> Array:
+        """(m, 3, n, 3)."""
+        rows = (
+            (self.xx, self.xy, -self.wx),
+            (self.xy, self.yy, -self.wy),
+            (self.wx, self.wy, self.ww),
+        )
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+
+
+@dataclass(frozen=True)
+class _Ways:
+    """Unit vectors (m, n) from loads to points, and 1/r, zero for pairs left out."""
+
+    x: Array
+    y: Array
+    inverse: Array
+
+    def kernel(self, ground: VectorHalfSpace) -> _Kernel:
+        along, across, normal = ground.compliances
+        x, y, inverse = self.x, self.y, self.inverse
+        return _Kernel(
+            inverse * (normal + along * x * x),
+            inverse * (along * x * y),
+            inverse * (normal + along * y * y),
+            inverse * (across * x),
+            inverse * (across * y),
+            inverse * normal,
+        )
+
+    def slope(self, ground: VectorHalfSpace, f: Array) -> Array:
+        """Minus the gradient of w, (m, 2)."""
+        _, across, normal = ground.compliances
+        square = self.inverse**2
+        skew, bend = 2 * self.x * self.y * square, (1 - 2 * self.x**2) * square
+        x, y, down = f.T
+        return np.stack(
+            [
+                normal * ((self.x * square) @ down) - across * (bend @ x - skew @ y),
+                normal * ((self.y * square) @ down) + across * (bend @ y + skew @ x),
+            ],
+            axis=1,
+        )
 
 
 def _loads(f: ArrayLike, count: int) -> Array:
@@ -153,12 +210,11 @@ def _loads(f: ArrayLike, count: int) -> Array:
     return checks.finite("f", array)
 
 
-def _blocks(points: Array, x: Array, unresolved: float) -> Iterator[tuple[slice, Array, Array]]:
-    """Rows of the pair table, the ways from loads to points, and 1/r, zero for pairs left out."""
-    height = max(1, BLOCK // (4 * max(len(x), 1)))
+def _blocks(points: Array, x: Array, unresolved: float) -> Iterator[tuple[slice, _Ways]]:
+    height = max(1, BLOCK // max(len(x), 1))
     for first in range(0, len(points), height):
         rows = slice(first, first + height)
         d = points[rows, None] - x
         r = np.hypot(d[..., 0], d[..., 1])
         r[r <= unresolved] = np.inf
-        yield rows, d, 1 / r
+        yield rows, _Ways(d[..., 0] / r, d[..., 1] / r, 1 / r)

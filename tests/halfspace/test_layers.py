@@ -7,6 +7,7 @@ from scipy.optimize import brentq
 from scipy.special import j0, j1
 
 import halfspace
+from halfspace import layer_sums
 from halfspace import reference as ref
 from halfspace.layer_kernel import PIECE, REACH, LayerKernel, correction
 from halfspace.layer_sums import correction_of
@@ -239,6 +240,17 @@ def test_periodic_cell_is_the_sum_over_its_images(rng):
     points = rng.random((5, 2)) * period
     of_cell = ground("frictionless", thickness=0.01, period=period).field(x, f, points)
     assert of_cell == pytest.approx(free.field(everywhere, np.tile(f, len(images)), points), 1e-10)
+
+
+@pytest.mark.parametrize("period", [None, (0.1, 0.07)])
+def test_blocks_give_the_same_sums(rng, period, monkeypatch):
+    x, f = layout(rng)
+    layer = ground(period=period)
+    w, field = layer.plan(x).apply(f), layer.field(x, f, x + 1e-3)
+    monkeypatch.setattr(layer_sums, "BLOCK", 70)
+    monkeypatch.setattr(layer_sums, "KEEP", 0)
+    assert layer.plan(x).apply(f) == pytest.approx(w, rel=1e-12, abs=1e-13 * np.abs(w).max())
+    assert layer.field(x, f, x + 1e-3) == pytest.approx(field, rel=1e-12)
 
 
 def test_coincident_contacts_and_far_ones():

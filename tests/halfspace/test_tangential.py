@@ -5,6 +5,7 @@ import pytest
 from elasticity import wave_response
 
 import halfspace
+from halfspace import tangential
 
 E, NU = 2e4, 0.3
 G = E / (2 * (1 + NU))
@@ -157,6 +158,18 @@ def test_tangential_forces_in_the_normal_problem(ground):
     plain = halfspace.solve(normal, x, np.full(2, 1e-3), law)
     ahead = halfspace.solve(normal, x, np.full(2, 1e-3) - extra, law)
     assert ahead.force[1] < plain.force[1]
+
+
+def test_blocks_give_the_same_sums(ground, rng, monkeypatch):
+    x, f = layout(rng)
+    u, slope = ground.displacement(x, f), ground.plan(x).slope(f)
+    field = ground.field(x, f, x + 1e-3)
+    monkeypatch.setattr(tangential, "BLOCK", 70)
+    monkeypatch.setattr(tangential, "KEEP", 0)
+    close = {"rel": 1e-12, "abs": 1e-13 * np.abs(u).max()}
+    assert ground.displacement(x, f) == pytest.approx(u, **close)
+    assert ground.plan(x).slope(f) == pytest.approx(slope, rel=1e-12)
+    assert ground.field(x, f, x + 1e-3) == pytest.approx(field, **close)
 
 
 def test_coincident_none_and_far(ground, rng):

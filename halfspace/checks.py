@@ -65,6 +65,14 @@ def scalars(name: str, value: ArrayLike, count: int) -> Array:
     return finite(name, array)
 
 
+def positive(name: str, value: ArrayLike, unit: str, count: int) -> Array:
+    """Finite numbers > 0: (count,), or one for all."""
+    array = np.full(count, _floats(name, value)) if np.ndim(value) == 0 else _floats(name, value)
+    array = scalars(name, array, count)
+    _refuse(name, array, array <= 0, f"must be > 0 {unit}")
+    return array
+
+
 def radii(name: str, value: ArrayLike, count: int) -> Array:
     """Contact radii, (count,), finite and not negative."""
     array = scalars(name, value, count)

@@ -78,11 +78,13 @@ def choose(
     tolerance: float,
     period: tuple[float, float] | None,
     method: str | None = None,
+    reach: float = 0.0,
     thickness: float | None = None,
 ) -> Choice:
     """The cheapest way to sum over the contacts `x` (n, 2); `method` insists on one.
 
-    thickness: of a layer, m; it bounds the cutoff of the mesh.
+    reach, m: pairs no further apart are summed elsewhere, which a mesh can allow within its cutoff;
+    thickness: of a layer, m, which is the most that the cutoff may be.
     """
     n = len(x)
     direct, direct_step = _direct(n, tolerance, period, thickness)
@@ -95,7 +97,9 @@ def choose(
     asked = tolerance * _sharpening(x, tolerance, period, thickness)
     if method is None and asked < FINEST:
         return replace(direct, reason=f"the mesh reaches no tolerance below {FINEST:.1g}")
-    tried = _meshes(x, asked, period, thickness)
+    tried = [m for m in _meshes(x, asked, period, reach, thickness) if m[0].grid.cutoff >= reach]
+    if not tried:
+        return replace(direct, reason="contacts are wider than a grid here can allow")
     fitting = [pair for pair in tried if pair[0].memory <= MEMORY]
     if not fitting and method == "mesh":
         least = min(mesh.memory for mesh, _ in tried) / 1e9
@@ -142,12 +146,16 @@ def _direct(
 
 
 def _meshes(
-    x: Array, tolerance: float, period: tuple[float, float] | None, thickness: float | None
+    x: Array,
+    tolerance: float,
+    period: tuple[float, float] | None,
+    reach: float,
+    thickness: float | None,
 ) -> list[tuple[Choice, float]]:
     """Grids around a first guess, finer and coarser while that promises anything."""
     setting, n = accuracy(tolerance), len(x)
     low, high = x.min(axis=0), x.max(axis=0)
-    guess = _first_guess(x, period)
+    guess = max(_first_guess(x, period), (1 + 1e-9) * reach / setting.cutoff)
     coarsest = np.inf if thickness is None else thickness / setting.cutoff
     if period is not None:
         coarsest = min(coarsest, min(period) / fewest_points(setting))

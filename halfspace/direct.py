@@ -3,9 +3,8 @@
 Coincident contacts. The point kernel is infinite at zero distance, so a pair closer than the
 rounding error of the layout itself (machine precision times its extent, which no set of positions
 can resolve) is left out of the sum, as a contact is left out of its own: without sizes, two forces
-at one point are one force. Where contact radii are given, such a pair acts instead by the mean of
-one concentric Hertz pressure under the other (`greens.hertz_concentric`), which is finite and
-symmetric. Its slope is zero, by symmetry. No absolute length enters.
+at one point are one force. Contacts with sizes act on each other at any distance (`finite`): pairs
+within `reach` are then left out here and summed there. No absolute length enters.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ import numpy as np
 
 from . import greens
 from .checks import Array
+from .finite import Close
 
 # Pairs handled at a time (2 MB an array, which stays in cache) and pairs kept as a matrix (32 MB).
 BLOCK = 2**18
@@ -25,53 +25,104 @@ KEEP = 2**22
 class DirectSum:
     """The sums over one layout of contacts.
 
-    x: (n, 2) positions, m; modulus: the plane-strain modulus `E'`, Pa; radius: (n,) contact radii,
-    m, or None: they are used for coincident contacts alone.
+    x: (n, 2) positions, m; modulus: the plane-strain modulus `E'`, Pa; reach, m: pairs no further
+    apart are left out.
     """
 
-    def __init__(self, x: Array, modulus: float, radius: Array | None = None) -> None:
+    def __init__(self, x: Array, modulus: float, reach: float = 0.0) -> None:
         self.modulus = modulus
-        self.refresh(x, radius)
+        self.refresh(x, reach)
 
-    def refresh(self, x: Array, radius: Array | None = None) -> bool:
+    def refresh(self, x: Array, reach: float = 0.0) -> bool:
         """The same for contacts that have moved, come or gone."""
-        self.x, self.radius = x, radius
+        self.x = x
         extent = float(np.ptp(x, axis=0).max()) if len(x) else 0.0
-        self._unresolved = (np.finfo(np.float64).eps * extent) ** 2
-        self._kept: Array | None = None
+        self._left_out = max(np.finfo(np.float64).eps * extent, reach) ** 2
+        self._kept: list[Array] = []
+        self._closest: float | None = None
         return True
+
+    @property
+    def closest(self) -> float:
+        """The least distance between two contacts, m."""
+        if self._closest is None:
+            least = np.inf
+            for rows, dx, dy, _ in self._blocks():
+                squared = dx * dx + dy * dy
+                own = np.arange(rows.start, rows.stop)
+                squared[own - rows.start, own] = np.inf
+                least = min(least, float(squared.min(initial=np.inf)))
+            self._closest = float(np.sqrt(least))
+        return self._closest
+
+    def close(self) -> Close:
+        """The pairs that are left out."""
+        found, offsets = [np.empty((2, 0), int)], [np.empty((0, 2))]
+        for rows, dx, dy, inverse in self._blocks():
+            k, j = np.nonzero(inverse == 0)
+            other = k + rows.start != j
+            k, j = k[other], j[other]
+            found.append(np.stack([k + rows.start, j]))
+            offsets.append(np.stack([dx[k, j], dy[k, j]], axis=1))
+        return Close(len(self.x), *np.concatenate(found, axis=1), np.concatenate(offsets))
 
     def apply(self, f: Array) -> Array:
         """Depression `w = C f` of every contact by the forces on the others, (n,), m."""
-        if self._kept is None and len(f) ** 2 <= KEEP:
-            self._kept = self.matrix()
-        if self._kept is not None:
-            return self._kept @ f
-        w = np.empty(len(f))
-        for rows, _, _, inverse in self._blocks():
-            w[rows] = self._influence(rows, inverse) @ f
-        return w
+        return self.pair(f, None)[0]
 
-    def slope(self, f: Array) -> Array:
-        """Gradient of the expansion `e = -w` at every contact, (n, 2)."""
-        return self.displacement(f)[1]
+    def pair(self, f: Array, q: Array | None) -> tuple[Array, Array]:
+        """Depression by the forces `f` and the moments `q`, and the Laplacian of that by `f`.
+
+        (n,) m and (n,) 1/m; without moments, the second is zero.
+        """
+        near, steep = np.zeros(len(f)), np.zeros(len(f))
+        if len(f) ** 2 <= KEEP:
+            if not self._kept:
+                self._kept = [self.matrix()]
+            near = self._kept[0] @ f
+            if q is not None:
+                if len(self._kept) < 2:
+                    # (1/(pi E' r))^3, with its unit mended
+                    self._kept.append((np.pi * self.modulus) ** 2 * self._kept[0] ** 3)
+                near, steep = near + self._kept[1] @ q, self._kept[1] @ f
+            return near, steep
+        for rows, _, _, inverse in self._blocks():
+            near[rows] = inverse @ f
+            if q is not None:
+                inverse **= 3
+                near[rows] += inverse @ q
+                steep[rows] = inverse @ f
+        return near / (np.pi * self.modulus), steep / (np.pi * self.modulus)
+
+    def slope(self, f: Array, q: Array | None = None) -> tuple[Array, Array]:
+        """Minus the gradients of what `pair` gives, (n, 2) each."""
+        near, steep = np.zeros((len(f), 2)), np.zeros((len(f), 2))
+        for rows, dx, dy, inverse in self._blocks():
+            cubed = inverse**3
+            for axis, d in enumerate((dx, dy)):
+                near[rows, axis] = (cubed * d) @ f
+            if q is not None:
+                cubed *= 3 * inverse**2
+                for axis, d in enumerate((dx, dy)):
+                    d *= cubed
+                    near[rows, axis] += d @ q
+                    steep[rows, axis] = d @ f
+        return near / (np.pi * self.modulus), steep / (np.pi * self.modulus)
+
+    def pair_slope(self, f: Array, q: Array) -> tuple[Array, Array, Array, Array]:
+        """What `pair` and `slope` give."""
+        return *self.pair(f, q), *self.slope(f, q)
 
     def displacement(self, f: Array) -> tuple[Array, Array]:
-        """Depression, as `apply`, and slope in one pass."""
-        w, gradient = np.empty(len(f)), np.empty((len(f), 2))
-        for rows, dx, dy, inverse in self._blocks():
-            w[rows] = self._influence(rows, inverse) @ f
-            cubed = inverse * inverse * inverse
-            gradient[rows, 0] = (cubed * dx) @ f
-            gradient[rows, 1] = (cubed * dy) @ f
-        return w, gradient / (np.pi * self.modulus)
+        """Depression, as `apply`, and slope, the gradient of the expansion `e = -w`, (n, 2)."""
+        return self.apply(f), self.slope(f)[0]
 
     def matrix(self) -> Array:
         """The dense influence matrix `C` (n, n), m/N: symmetric, zero on the diagonal."""
         c = np.empty((len(self.x), len(self.x)))
         for rows, _, _, inverse in self._blocks():
-            c[rows] = self._influence(rows, inverse)
-        return c
+            c[rows] = inverse
+        return c / (np.pi * self.modulus)
 
     def _blocks(self) -> Iterator[tuple[slice, Array, Array, Array]]:
         """Rows of the pair table, offsets from the loads, and 1/r, zero for pairs left out."""
@@ -82,17 +133,8 @@ class DirectSum:
             dx = self.x[rows, 0, None] - self.x[:, 0]
             dy = self.x[rows, 1, None] - self.x[:, 1]
             squared = dx * dx + dy * dy
-            squared[squared <= self._unresolved] = np.inf
+            squared[squared <= self._left_out] = np.inf
             yield rows, dx, dy, 1.0 / np.sqrt(squared)
-
-    def _influence(self, rows: slice, inverse: Array) -> Array:
-        c = inverse / (np.pi * self.modulus)
-        if self.radius is not None:
-            k, j = np.nonzero(inverse == 0)
-            k, j = k[k + rows.start != j], j[k + rows.start != j]
-            a = self.radius
-            c[k, j] = greens.hertz_concentric(a[k + rows.start], a[j], self.modulus)
-        return c
 
 
 def field(x: Array, f: Array, points: Array, modulus: float, radius: Array | None = None) -> Array:
@@ -116,3 +158,23 @@ def field(x: Array, f: Array, points: Array, modulus: float, radius: Array | Non
         net = singular @ f
         w[rows] = np.where(net == 0, kernel @ f, np.copysign(np.inf, net))
     return w
+
+
+def pressure(
+    x: Array, f: Array, points: Array, radius: Array, period: tuple[float, float] | None = None
+) -> Array:
+    """Pressure (m,), Pa, at `points` (m, 2) under Hertz contacts of radii (n,), m."""
+    p = np.empty(len(points))
+    height = max(1, BLOCK // max(len(x), 1))
+    wide = np.where(radius > 0, radius, 1.0)
+    for first in range(0, len(points), height):
+        rows = slice(first, first + height)
+        d = points[rows, None] - x
+        if period is not None:
+            d -= np.round(d / period) * period
+        r = np.hypot(d[..., 0], d[..., 1])
+        shape = np.sqrt(np.maximum(1 - (r / wide) ** 2, 0.0)) * (radius > 0)
+        p[rows] = shape @ (1.5 * f / (np.pi * wide**2))
+        net = ((r == 0) & (radius == 0)) @ f
+        p[rows] = np.where(net == 0, p[rows], np.copysign(np.inf, net))
+    return p

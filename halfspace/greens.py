@@ -28,13 +28,6 @@ def point(r: ArrayLike, modulus: float) -> Array:
     return 1.0 / (np.pi * modulus * np.asarray(r, dtype=np.float64))
 
 
-def point_gradient(dx: ArrayLike, dy: ArrayLike, modulus: float) -> tuple[Array, Array]:
-    """Gradient of `point` at the offset `(dx, dy)` from the force, 1/N: `-(dx, dy)/(pi E' r^3)`."""
-    dx, dy = np.asarray(dx, dtype=np.float64), np.asarray(dy, dtype=np.float64)
-    slope = -1.0 / (np.pi * modulus * np.hypot(dx, dy) ** 3)
-    return slope * dx, slope * dy
-
-
 def hertz(r: ArrayLike, a: ArrayLike, modulus: float) -> Array:
     """Depression at distance `r` from a unit force spread as Hertz pressure over the radius `a`.
 

@@ -46,6 +46,11 @@ class Accuracy:
     def split(self) -> Split:
         return Split(self.beta)
 
+    @cached_property
+    def curved(self) -> Split:
+        """Whose Laplacian is used."""
+        return Split(self.beta, smooth=True)
+
 
 # Measured against direct sums; for each width and cutoff the other two were chosen by a search.
 ACCURACIES = tuple(
@@ -105,9 +110,20 @@ class Grid:
         at both ends are divided out. layer: what is added to 1/r; the grid holds it where it is at
         least as thick as the cutoff, for its spectrum falls by `exp(-2 q h)`.
         """
+        return self._influence(self.accuracy.split, layer)
+
+    def curved_influence(self, layer: LayerKernel | None = None) -> Array:
+        """As `influence`, for the Laplacian: what acts by `1/r^3`."""
+        symbol = self._influence(self.accuracy.curved, layer)
+        k = [2 * np.pi * np.arange(m) / m for m in (self.torus[0], self.torus[1])]
+        k[0] = np.minimum(k[0], 2 * np.pi - k[0])
+        rows, columns = (k[axis] / self.spacing[axis] for axis in (0, 1))
+        return -symbol * (rows[:, None] ** 2 + columns[: symbol.shape[1]] ** 2)
+
+    def _influence(self, split: Split, layer: LayerKernel | None) -> Array:
         from scipy.fft import dctn
 
-        split, window = self.accuracy.split, self.accuracy.window
+        window = self.accuracy.window
         waves = [2 * np.pi * np.arange(m // 2 + 1) / m for m in self.torus]
         if self.period is None:
             d = [self.spacing[0] * _round(m, ROUND * self.accuracy.cutoff) for m in self.torus]

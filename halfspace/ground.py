@@ -24,23 +24,25 @@ class HalfSpace:
     It stands for the substrate alone: `w_k = sum_{j != k} f_j / (pi E' r_kj)`, with
     `E' = E/(1 - nu^2)` of the substrate, whatever presses on it. (In terms of the contact's
     composite modulus `E*` that is `chi/(pi E* r)`, `chi = E*/E'`.) What a contact does to itself
-    belongs to the contact law. With `coupling="point"` the forces act at points.
+    belongs to the contact law. With `coupling="finite"` contacts whose radii are known are Hertz
+    pressures, and spheres touch a tilted surface beside their lowest point (`halfspace.finite`,
+    `halfspace.solve`); with "point", or where nobody says how large contacts are, they are points.
+    Both conserve energy.
 
     youngs_modulus: Pa, > 0; poissons_ratio: -1 < nu <= 1/2; tolerance: the error allowed to fast
     sums, of `f_rms/(pi E' s)` with the spacing `s = sqrt(area/n)` of the contacts where they are
-    densest (direct sums are exact to rounding); coupling: "point"; period: (Lx, Ly), m, the sides
-    of a cell that repeats itself along x and y, or None (the mean depression of a periodic
-    half-space is taken as zero, and a contact feels its own images: `halfspace.periodic`); layer:
-    a `Layer` of finite thickness on a rigid base, or None (a contact then feels the base by its own
-    force too, and the mean depression of a periodic layer is what it is: `halfspace.layers`);
-    workers: threads of Fourier transforms, as in `scipy.fft`. Raises ValueError for arguments
-    without sense, NotImplementedError for a coupling that there is not.
+    densest (direct sums are exact to rounding); coupling: "finite" or "point"; period:
+    (Lx, Ly), m, the sides of a cell that repeats itself along x and y, or None (the mean depression
+    of a periodic half-space is zero, and a contact feels its own images: `periodic`); layer: a
+    `Layer` of finite thickness on a rigid base, or None (a contact then feels the base by its own
+    force too, and the mean depression of a periodic layer is what it is: `layers`); workers:
+    threads of Fourier transforms, as in `scipy.fft`. Raises ValueError for arguments without sense.
     """
 
     youngs_modulus: float
     poissons_ratio: float
     tolerance: float = 1e-4
-    coupling: str = "point"
+    coupling: str = "finite"
     period: tuple[float, float] | None = None
     layer: Layer | None = None
     workers: int | None = None
@@ -61,10 +63,7 @@ class HalfSpace:
             if not good[name]:
                 raise ValueError(f"{name} = {value!r}: must be {words}")
             object.__setattr__(self, name, value)
-        if self.coupling != "point":
-            known = self.coupling == "finite"
-            error = NotImplementedError if known else ValueError
-            raise error(f'coupling = {self.coupling!r}: available is "point"')
+        checks.one_of("coupling", self.coupling, ("finite", "point"))
         if self.period is not None:
             object.__setattr__(self, "period", checks.sides("period", self.period))
         if not isinstance(self.layer, (Layer, NoneType)):
@@ -91,13 +90,13 @@ class HalfSpace:
         """
         checks.one_of("method", method, (None, "direct", "mesh"))
         arguments = self.modulus, self.tolerance, self.period, self.workers, method
-        return Plan(x, radius, *arguments, layer=self._kernel)
+        return Plan(x, radius, *arguments, self.coupling, self._kernel)
 
     def explain(self, x: ArrayLike, method: str | None = None) -> Choice:
         """How `plan` would sum over the contacts `x` (n, 2), and why: print it."""
         checks.one_of("method", method, (None, "direct", "mesh"))
         thickness = None if self.layer is None else self.layer.thickness
-        return choose(checks.vectors("x", x), self.tolerance, self.period, method, thickness)
+        return choose(checks.vectors("x", x), self.tolerance, self.period, method, 0.0, thickness)
 
     def displacement(
         self, x: ArrayLike, f: ArrayLike, radius: ArrayLike | None = None
@@ -105,15 +104,21 @@ class HalfSpace:
         """Depression and slope of the surface at the contacts, by the forces on the OTHER contacts.
 
         x: (n, 2) positions, m; f: (n,) normal forces, N, positive pressing down; radius: (n,)
-        contact radii, m, used by point coupling for coincident contacts alone (see
-        `halfspace.direct`). Returns
+        contact radii, m, under these forces: for `coupling="finite"`, where without them contacts
+        are points. Returns
 
-        - w (n,), m: the depression, positive downward, >= 0 under forces that press;
-        - slope (n, 2): the gradient of the expansion `e = -w`, which is the gradient of the height
-          of the surface. It points uphill, away from loads. The normal of the surface is
+        - w (n,), m: the depression, positive downward, >= 0 under forces that press. It is
+          `dE_c/df_k` of the coupling energy `E_c = 1/2 sum f_j f_k/(pi E' r)
+          [1 + (a_j^2 + a_k^2)/(10 r^2)]` with Hertz radii `a(f)`, so that each force acts by
+          `1/(pi E' r) [1 + (a_j^2/10 + a_k^2/6)/r^2]`: the depression of the surface in the mean
+          over contact k, with what growing costs it;
+        - slope (n, 2): the gradient of the expansion `e = -w` as the contact feels it,
+          `-(dE_c/dx_k)/f_k`. It points uphill, away from loads. The normal of the surface is
           `(-slope, 1)`, so that the force along it on sphere k has the lateral part
-          `-f_k slope_k`: downhill, into the dents of the others. That is `-dU/dx_k` of the
-          energy `E_c = 1/2 sum f_j f_k/(pi E' r)` at constant overlap.
+          `-f_k slope_k`: downhill, into the dents of the others.
+
+        Contacts that overlap or coincide act by the saturated energy of `halfspace.finite`, and
+        coincident points not at all.
 
         Raises ValueError for wrong shapes and values that are not finite.
         """
@@ -136,25 +141,33 @@ class HalfSpace:
         a = None if radius is None else checks.radii("radius", radius, len(x))
         if self.period is None:
             w = direct.field(x, f, points, self.modulus, a)
-        elif a is None:
-            w = PeriodicSum(x, self.modulus, self.period).field(f, points)
         else:
-            raise NotImplementedError("radius: a periodic half-space has fields of points alone")
+            w = PeriodicSum(x, self.modulus, self.period).field(f, points, a)
         moment = None if a is None else f * a**2 / 10
         return w if self._kernel is None else w + self._extra(x).at(points, f, moment)
 
-    def matrix(self, x: ArrayLike, radius: ArrayLike | None = None) -> Array:
-        """The dense influence matrix (n, n), m/N, with `w = C f`; symmetric.
+    def pressure(self, x: ArrayLike, f: ArrayLike, radius: ArrayLike, points: ArrayLike) -> Array:
+        """Pressure (m,), Pa, at any `points` (m, 2), of Hertz contacts at `x` (n, 2).
+
+        `3 f/(2 pi a^2) sqrt(1 - r^2/a^2)` within the contact radii `a` (n,), m, and nothing
+        outside; infinite at the centre of a force without extent. Raises ValueError as
+        `displacement` does.
+        """
+        x, points = checks.vectors("x", x), checks.vectors("points", points)
+        f, a = checks.scalars("f", f, len(x)), checks.radii("radius", radius, len(x))
+        return direct.pressure(x, f, points, a, self.period)
+
+    def matrix(self, x: ArrayLike) -> Array:
+        """The dense influence matrix (n, n), m/N, of points, with `w = C f`; symmetric.
 
         Its diagonal is zero, or in a periodic half-space what a contact's own images do to it, and
         on a layer what its base does.
         """
         x = checks.vectors("x", x)
-        a = None if radius is None else checks.radii("radius", radius, len(x))
         if self.period is None:
-            c = direct.DirectSum(x, self.modulus, a).matrix()
+            c = direct.DirectSum(x, self.modulus).matrix()
         else:
-            c = PeriodicSum(x, self.modulus, self.period, a).matrix()
+            c = PeriodicSum(x, self.modulus, self.period).matrix()
         return c if self._kernel is None else c + self._extra(x).matrix()
 
     @property

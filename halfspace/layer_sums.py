@@ -16,6 +16,7 @@ from .direct import BLOCK, KEEP
 from .layer_kernel import LayerKernel
 
 if TYPE_CHECKING:
+    from .finite import Close
     from .plan import Sum
 
 WAVES = 20.0  # highest q h of a periodic correction: S - 1 is below 1e-15 there
@@ -39,10 +40,19 @@ class LayerSum:
     def __init__(self, bare: Sum, extra: Pairs) -> None:
         self._bare, self._extra = bare, extra
 
-    def refresh(self, x: Array, radius: Array | None = None) -> bool:
+    @property
+    def closest(self) -> float:
+        """The least distance between two contacts, m."""
+        return self._bare.closest
+
+    def close(self) -> Close:
+        """The pairs that the half-space's sums leave out; the correction has them all."""
+        return self._bare.close()
+
+    def refresh(self, x: Array, reach: float = 0.0) -> bool:
         """The same for contacts that have moved, come or gone."""
         self._extra.refresh(x)
-        return self._bare.refresh(x, radius)
+        return self._bare.refresh(x, reach)
 
     def apply(self, f: Array) -> Array:
         """Depression `w = C f` of every contact, (n,), m."""
@@ -53,6 +63,18 @@ class LayerSum:
         w, slope = self._bare.displacement(f)
         extra, _, fall, _ = self._extra.pair_slope(f, None)
         return w + extra, slope + fall
+
+    def pair(self, f: Array, q: Array | None) -> tuple[Array, Array]:
+        """Depression by forces and moments, and its Laplacian, as `direct.DirectSum.pair`."""
+        near, steep = self._bare.pair(f, q)
+        more, bend = self._extra.pair(f, q)
+        return near + more, steep + bend
+
+    def pair_slope(self, f: Array, q: Array) -> tuple[Array, Array, Array, Array]:
+        """What `pair` gives, and minus the gradients of both, (n, 2) each."""
+        near, steep, fall, steep_fall = self._bare.pair_slope(f, q)
+        more, bend, way, bend_way = self._extra.pair_slope(f, q)
+        return near + more, steep + bend, fall + way, steep_fall + bend_way
 
 
 class Pairs:

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import mesh_kernels as kernels
-from . import mesh_pairs
+from . import mesh_pairs, mesh_sizes
 from .checks import Array
+from .finite import Close
 from .grid import Grid
 from .layer_kernel import LayerKernel
 
@@ -30,10 +31,10 @@ class MeshSum:
     """The sums over one layout of contacts.
 
     x: (n, 2) positions, m; modulus: the plane-strain modulus `E'`, Pa; grid: one that they are on;
-    radius: (n,) contact radii, m, or None, used for coincident contacts alone; workers: threads of
-    the transforms, as in `scipy.fft` (the compiled loops use `HALFSPACE_THREADS`); layer: what one
-    adds to 1/r, on the grid and under each contact itself. Raises ValueError for contacts that are
-    not on the grid.
+    reach, m: pairs no further apart are left out, at most the cutoff; workers: threads of the
+    transforms, as in `scipy.fft` (the compiled loops use `HALFSPACE_THREADS`); layer: what one adds
+    to 1/r, on the grid and under each contact itself. Raises ValueError for contacts that are not
+    on the grid.
     """
 
     def __init__(
@@ -41,16 +42,17 @@ class MeshSum:
         x: Array,
         modulus: float,
         grid: Grid,
-        radius: Array | None = None,
+        reach: float = 0.0,
         workers: int | None = None,
         layer: LayerKernel | None = None,
     ) -> None:
         self.modulus, self.workers = modulus, workers
         self.grid, self._layer = grid, layer
         self._value, self._index = np.empty(0), np.empty(0, np.int32)
+        self._curved, self._bent = np.empty(0), None
         self._prepare(grid)
         self.x, self._most = np.empty((0, 2)), np.inf
-        if not self.refresh(x, radius):
+        if not self.refresh(x, reach):
             raise ValueError(f"x = {x.min(axis=0)} ... {x.max(axis=0)}: must lie on {grid}")
         self._most = CROWDED * float(self._space[-1])
 
@@ -75,7 +77,7 @@ class MeshSum:
         self._period = vector(grid.period if periodic else (1.0, 1.0))
         self._kind = (width, periodic)
 
-    def refresh(self, x: Array, radius: Array | None = None) -> bool:
+    def refresh(self, x: Array, reach: float = 0.0) -> bool:
         """The same grid for contacts that have moved, come or gone, (n, 2) m.
 
         False, and no longer fit for use, if they have left it or crowd so that another would be
@@ -86,8 +88,8 @@ class MeshSum:
             self._order, self._bins = np.empty(n, np.int32), np.empty(n, np.int32)
             self._load, self._site = np.empty((4, n)), np.empty((n, 2))
             self._node = np.empty((n, kernels.WEIGHTS + 2 * grid.accuracy.width))
-        self.x, self.radius = x, radius
-        if self._sort() or not self._make_room():
+        self.x, self.reach = x, reach
+        if reach > grid.cutoff or self._sort() or not self._make_room():
             return False
         kernels.place(
             x, self._order, self._site, self._node, self._polynomials,
@@ -123,18 +125,14 @@ class MeshSum:
         grid, (width, periodic) = self.grid, self._kind
         site, node, begin = self._site, self._node, self._begin
         extent = float(np.ptp(self.x, axis=0).max(initial=0.0)) if len(self.x) else 0.0
-        self._unresolved = float(np.finfo(np.float64).eps * extent) ** 2
-        coincident = mesh_pairs.pairs(
+        self._left_out = float(max(np.finfo(np.float64).eps * extent, self.reach)) ** 2
+        mesh_pairs.pairs(
             site, node, begin, self._space, self._value, self._index, self._short,
             *self._place, self._period, *grid.points, self._bands,
-            self._own, grid.cutoff, self._unresolved,
+            grid.cutoff, self._left_out,
             width, len(self._short) - 1, periodic,
         )  # fmt: skip
-        if coincident and self.radius is not None:
-            mesh_pairs.concentric(
-                site, node, self._value, self._index, self.radius, self._order,
-                self._period, self._own, self._unresolved, periodic,
-            )  # fmt: skip
+        self._curved_known, self._closest = False, None
 
     def apply(self, f: Array) -> Array:
         """Depression `w = C f` of every contact by the forces on the others, (n,), m."""
@@ -152,7 +150,7 @@ class MeshSum:
             self._potential(f), self._load, self._site, self._node, self._value, self._index,
             self._polynomials, self._derivatives, self._short,
             *self._place, self._period, *grid.points, self._own, 1 / (np.pi * self.modulus),
-            grid.cutoff, self._unresolved, width, len(self._short) - 1, periodic,
+            grid.cutoff, self._left_out, width, len(self._short) - 1, periodic,
         )  # fmt: skip
         w, slope = self._unsorted(self._load[1]), np.empty((len(f), 2))
         slope[self._order] = self._load[2:].T
@@ -163,25 +161,118 @@ class MeshSum:
         result[self._order] = values
         return result
 
+    def pair(self, f: Array, q: Array | None) -> tuple[Array, Array]:
+        """Depression by the forces `f` and the moments `q`, and the Laplacian of that by `f`.
+
+        As `direct.DirectSum.pair`; with twice the transforms of `apply`.
+        """
+        if q is None:
+            return self.apply(f), np.zeros(len(f))
+        self._gather_pair(f, q)
+        return self._unsorted(self._result[0]), self._unsorted(self._result[1])
+
+    def pair_slope(self, f: Array, q: Array) -> tuple[Array, Array, Array, Array]:
+        """What `pair` gives, and minus the gradients of both, (n, 2) each."""
+        near, steep = self._gather_pair(f, q)
+        grid, (width, periodic) = self.grid, self._kind
+        mesh_sizes.gather_falls(
+            near, steep, self._loads, self._result, self._site, self._node, self._index,
+            self._derivatives, self._short, self._bend, *self._place, self._period, *grid.points,
+            1 / (np.pi * self.modulus), grid.cutoff, self._left_out,
+            width, len(self._short) - 1, len(self._bend) - 1, periodic,
+        )  # fmt: skip
+        falls = np.empty((2, len(f), 2))
+        falls[:, self._order] = self._result[2:].reshape(2, 2, -1).transpose(0, 2, 1)
+        return (
+            self._unsorted(self._result[0]),
+            self._unsorted(self._result[1]),
+            falls[0],
+            falls[1],
+        )
+
+    @property
+    def closest(self) -> float:
+        """The least distance between two contacts, m; at most the cutoff is looked at."""
+        if self._closest is None:
+            least = np.full(len(self.x), self.grid.cutoff**2)
+            mesh_sizes.closest(
+                self._site, self._node, self._index, least, self._period, self._kind[1]
+            )
+            self._closest = float(np.sqrt(least.min(initial=np.inf)))
+        return self._closest
+
+    def close(self) -> Close:
+        """The pairs that are left out."""
+        from scipy.spatial import cKDTree
+
+        box = self.grid.period
+        x = self.x if box is None else np.mod(self.x, box) % box
+        tree = cKDTree(x, boxsize=box)
+        k, j = tree.query_pairs(float(np.sqrt(self._left_out)), output_type="ndarray").T
+        k, j = np.r_[k, j], np.r_[j, k]
+        order = np.lexsort((j, k))
+        k, j = k[order], j[order]
+        d = self.x[k] - self.x[j]
+        if box is not None:
+            d -= np.round(d / box) * box
+        return Close(len(x), k, j, d)
+
+    def _gather_pair(self, f: Array, q: Array) -> tuple[Array, Array]:
+        grid, (width, periodic) = self.grid, self._kind
+        if self._bent is None:
+            split = grid.accuracy.curved
+            self._bend = split.laplacian
+            self._own_curved = split.bend / grid.cutoff**3
+            self._bent = grid.curved_influence(self._layer)
+        if not self._curved_known:
+            if len(self._curved) != len(self._value):
+                self._curved = np.empty(len(self._value))
+            mesh_sizes.curve(
+                self._site, self._node, self._curved, self._index, self._bend, self._period,
+                grid.cutoff, self._left_out, len(self._bend) - 1, periodic,
+            )  # fmt: skip
+            self._curved_known = True
+            self._loads, self._result = np.empty((2, len(f))), np.empty((6, len(f)))
+        forces, moments = self._transform(f), self._transform(q)
+        self._loads[0], self._loads[1] = f[self._order], q[self._order]
+        near = self._back(forces * self._influence + moments * self._bent)
+        steep = self._back(forces * self._bent)
+        mesh_sizes.gather_pair(
+            near, steep, self._loads, self._result, self._node,
+            self._value, self._curved, self._index, *grid.points,
+            self._own, self._own_curved, 1 / (np.pi * self.modulus), width, periodic,
+        )  # fmt: skip
+        return near, steep
+
     def _potential(self, f: Array) -> Array:
         """The smooth part of f/r, summed, on the grid."""
+        spectrum = self._transform(f)
+        spectrum *= self._influence
+        return self._back(spectrum)
+
+    def _transform(self, f: Array) -> NDArray[np.complex128]:
+        """Forces on the grid, transformed."""
+        from scipy import fft
+
         np.take(f, self._order, out=self._load[0])
         kernels.spread(
             self._load, self._node, self._begin, self._density,
             self.grid.points[1], self._bands, *self._kind,
         )  # fmt: skip
-        return self._convolve(self._density)
+        (rows, columns), workers = self.grid.torus, self.workers
+        spectrum = fft.rfft(self._density, n=columns, axis=1, workers=workers)
+        result: NDArray[np.complex128] = fft.fft(
+            spectrum, n=rows, axis=0, overwrite_x=True, workers=workers
+        )
+        return result
 
-    def _convolve(self, density: Array) -> Array:
+    def _back(self, spectrum: NDArray[np.complex128]) -> Array:
         from scipy import fft
 
-        (rows, columns), workers = self.grid.torus, self.workers
-        spectrum = fft.rfft(density, n=columns, axis=1, workers=workers)
-        spectrum = fft.fft(spectrum, n=rows, axis=0, overwrite_x=True, workers=workers)
-        spectrum *= self._influence
+        columns, workers = self.grid.torus[1], self.workers
         spectrum = fft.ifft(spectrum, axis=0, overwrite_x=True, workers=workers)
         # Rows that no contact reaches need not be transformed.
-        result: NDArray[np.float64] = fft.irfft(
-            spectrum[: len(density)], n=columns, axis=1, overwrite_x=True, workers=workers
+        result: Array = fft.irfft(
+            spectrum[: len(self._density)], n=columns, axis=1, overwrite_x=True, workers=workers
         )
         return result

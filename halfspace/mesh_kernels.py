@@ -206,7 +206,7 @@ def gather_slope(
     grid: Table, load: Table, site: Table, node: Table, value: Numbers, index: Integers,
     polynomials: Table, derivatives: Table, short: Numbers,
     origin: vec2, spacing: vec2, period: vec2, rows: ti.i32, columns: ti.i32,
-    own: ti.f64, scale: ti.f64, cutoff: ti.f64, unresolved: ti.f64,
+    own: ti.f64, scale: ti.f64, cutoff: ti.f64, left_out: ti.f64,
     width: ti.template(), degree: ti.template(), periodic: ti.template(),
 ):  # fmt: skip
     """Depression, as `gather`, and the gradient of -1 times it, from the same sums."""
@@ -245,7 +245,7 @@ def gather_slope(
             for a in ti.static(range(degree, 0, -1)):
                 rise = rise * s + a * p[a]
             steepness = 4.0 * rise / cutoff**3
-            if squared > unresolved:
+            if squared > left_out:
                 steepness += 1.0 / (squared * ti.sqrt(squared))
             slope += f * steepness * d
         load[1, k] = scale * total

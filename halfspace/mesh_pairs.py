@@ -100,15 +100,14 @@ def pairs(
     site: Table, node: Table, begin: Integers, space: Numbers, value: Numbers, index: Integers,
     short: Numbers, origin: vec2, spacing: vec2, period: vec2,
     rows: ti.i32, columns: ti.i32, bands: ti.i32,
-    own: ti.f64, cutoff: ti.f64, unresolved: ti.f64,
+    cutoff: ti.f64, left_out: ti.f64,
     width: ti.template(), degree: ti.template(), periodic: ti.template(),
-) -> ti.i32:  # fmt: skip
+):  # fmt: skip
     """Find the neighbours of every contact and what they add to the grid.
 
-    Of pairs too close to tell apart nothing is left, grid included; returns the contacts in such.
+    Of pairs no further apart than `left_out`, squared, nothing is left, grid included.
     """
     groups = ti.raw_div(columns + BIN - 1, BIN)
-    coincident = 0
     for band in range(bands):
         last = ti.cast(space[band], ti.i32)
         for k in range(begin[band * groups], begin[(band + 1) * groups]):
@@ -127,36 +126,11 @@ def pairs(
                         last += ti.cast(m != k and squared < cutoff**2, ti.i32)
             node[k, FIRST], node[k, COUNT] = first, last - first
             p = ti.Vector([short[a] for a in ti.static(range(degree + 1))])
-            close = 0
             for m in range(first, last):
                 squared = value[m]
-                close += ti.cast(squared <= unresolved, ti.i32)
                 s = 2.0 * squared / cutoff**2 - 1.0
                 smooth = p[degree]
                 for a in ti.static(range(degree - 1, -1, -1)):
                     smooth = smooth * s + p[a]
-                value[m] = 1.0 / ti.sqrt(squared) - smooth / cutoff
-            if close > 0:
-                coincident += 1
-                for m in range(first, last):
-                    if distance_squared(site, k, index[m], period, periodic) <= unresolved:
-                        value[m] = -own
-    return coincident
-
-
-@ti.kernel
-def concentric(
-    site: Table, node: Table, value: Numbers, index: Integers, radius: Numbers, order: Integers,
-    period: vec2, own: ti.f64, unresolved: ti.f64, periodic: ti.template(),
-):  # fmt: skip
-    """Pairs too close to tell apart act by one concentric Hertz pressure under the other
-    (`greens.hertz_concentric`, times `pi E'`)."""
-    for k in range(node.shape[0]):
-        first = ti.cast(node[k, FIRST], ti.i32)
-        for m in range(first, first + ti.cast(node[k, COUNT], ti.i32)):
-            if distance_squared(site, k, index[m], period, periodic) <= unresolved:
-                a, b = radius[order[k]], radius[order[index[m]]]
-                wide, narrow = ti.max(a, b), ti.min(a, b)
-                value[m] = -own
-                if wide > 0:
-                    value[m] += 0.375 * ti.math.pi * (2.0 - 0.4 * (narrow / wide) ** 2) / wide
+                inverse = ti.select(squared > left_out, 1.0 / ti.sqrt(squared), 0.0)
+                value[m] = inverse - smooth / cutoff

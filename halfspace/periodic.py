@@ -7,37 +7,45 @@ lifted by its own images, `C_kk`: a square lattice of unit forces with the spaci
 `-3.9002649200/(pi E' s)`.
 
 The sum is Ewald's (1921), with the bump of `splitting` in the place of the Gaussian: pairs closer
-than half the shorter side one by one, and a few hundred plane waves.
+than half the shorter side one by one, and a few hundred plane waves. That of the Laplacian, 1/r^3,
+which sizes of contacts need, is the Laplacian of both parts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from . import greens
 from .checks import Array
 from .direct import BLOCK, KEEP
+from .finite import Close
 from .splitting import Split
 
 BETA = 36.0  # exp(-36) = 2e-16
+# Hertz pressures from far: sum_n c_n a^(2n)/r^(2n+1), `hertz` with c_n = (1/2)_n^2/((5/2)_n n!).
+MULTIPOLES = tuple(
+    float(np.prod([(m + 0.5) ** 2 / ((m + 2.5) * (m + 1)) for m in range(n)])) for n in range(9)
+)
+IMAGES = 2  # cells on each side in which multipoles beyond the second are summed one by one
 
 
 @lru_cache(maxsize=1)
 def _split() -> Split:
-    return Split(BETA)
+    return Split(BETA, smooth=True)
 
 
 class PeriodicSum:
     """The sums over one layout of contacts in a cell `period = (Lx, Ly)`, m, and all its images.
 
-    As `direct.DirectSum`, of which this is the periodic twin.
+    As `direct.DirectSum`, of which this is the periodic twin. Raises ValueError for a `reach` of
+    more than half the shorter side.
     """
 
     def __init__(
-        self, x: Array, modulus: float, period: tuple[float, float], radius: Array | None = None
+        self, x: Array, modulus: float, period: tuple[float, float], reach: float = 0.0
     ) -> None:
         self.modulus, self.period = modulus, period
         self._split = _split()
@@ -52,88 +60,235 @@ class PeriodicSum:
         self._q = q[half]
         x_q = self._cutoff * np.hypot(*self._q.T)
         self._symbol = 2 * self._split.spectrum(x_q) * self._cutoff / sides.prod()
+        self._laplacian = -(self._q**2).sum(axis=1) * self._symbol
         self._mean = -2 * np.pi * self._split.missing * self._cutoff / sides.prod()
-        self.refresh(x, radius)
+        self.refresh(x, reach)
 
-    def refresh(self, x: Array, radius: Array | None = None) -> bool:
+    def refresh(self, x: Array, reach: float = 0.0) -> bool:
         """The same cell with contacts that have moved, come or gone."""
-        self.x, self.radius = x, radius
+        check_reach(reach, self.period)
+        self.x = x
         self._waves = np.exp(1j * (x @ self._q.T))
-        self._unresolved = (np.finfo(np.float64).eps * max(self.period)) ** 2
-        self._kept: Array | None = None
+        self._left_out = max(np.finfo(np.float64).eps * max(self.period), reach) ** 2
+        self._kept: list[Array] = []
+        self._closest: float | None = None
         return True
+
+    @property
+    def closest(self) -> float:
+        """The least distance between two contacts, images included, m."""
+        if self._closest is None:
+            least = min(self.period) ** 2 if len(self.x) else np.inf
+            for rows, d in self._offsets():
+                squared = (d**2).sum(axis=2)
+                own = np.arange(rows.start, rows.stop)
+                squared[own - rows.start, own] = np.inf
+                least = min(least, float(squared.min(initial=np.inf)))
+            self._closest = float(np.sqrt(least))
+        return self._closest
+
+    def close(self) -> Close:
+        """The pairs that are left out."""
+        found, offsets = [np.empty((2, 0), int)], [np.empty((0, 2))]
+        for rows, d in self._offsets():
+            k, j = np.nonzero((d**2).sum(axis=2) <= self._left_out)
+            other = k + rows.start != j
+            k, j = k[other], j[other]
+            found.append(np.stack([k + rows.start, j]))
+            offsets.append(d[k, j])
+        return Close(len(self.x), *np.concatenate(found, axis=1), np.concatenate(offsets))
 
     def apply(self, f: Array) -> Array:
         """Depression `w = C f` of every contact, by the others and by all images, (n,), m."""
-        if len(f) ** 2 > KEEP:
-            return self.displacement(f)[0]
-        if self._kept is None:
-            self._kept = self.matrix()
-        return self._kept @ f
+        return self.pair(f, None)[0]
+
+    def pair(self, f: Array, q: Array | None) -> tuple[Array, Array]:
+        """Depression by the forces `f` and the moments `q`, and the Laplacian of that by `f`."""
+        zero = np.zeros(len(f))
+        if len(f) ** 2 <= KEEP:
+            if not self._kept:
+                self._kept = [self.matrix()]
+            if q is None:
+                return self._kept[0] @ f, zero
+            if len(self._kept) < 2:
+                self._kept.append(self.matrix(laplacian=True))
+            return self._kept[0] @ f + self._kept[1] @ q, self._kept[1] @ f
+        wave_f, wave_q = self._amplitudes(f, q)
+        near = self._at_contacts(self._symbol * wave_f + self._laplacian * wave_q).real
+        near += self._mean * f.sum() - self._own[0] * f
+        steep = zero
+        if q is not None:
+            near -= self._own[1] * q
+            steep = self._at_contacts(self._laplacian * wave_f).real - self._own[1] * f
+        for rows, pairs in self._near():
+            near[rows] += pairs.value @ f
+            if q is not None:
+                near[rows] += pairs.laplacian @ q
+                steep[rows] += pairs.laplacian @ f
+        return near / (np.pi * self.modulus), steep / (np.pi * self.modulus)
+
+    def slope(self, f: Array, q: Array | None = None) -> tuple[Array, Array]:
+        """Minus the gradients of what `pair` gives, (n, 2) each."""
+        wave_f, wave_q = self._amplitudes(f, q)
+        near = self._fall(self._symbol * wave_f + self._laplacian * wave_q)
+        steep = np.zeros((len(f), 2))
+        if q is not None:
+            steep = self._fall(self._laplacian * wave_f)
+        for rows, pairs in self._near():
+            for axis in (0, 1):
+                d = pairs.offset[..., axis]
+                near[rows, axis] += (pairs.fall * d) @ f
+                if q is not None:
+                    d = pairs.laplacian_fall * d
+                    near[rows, axis] += d @ q
+                    steep[rows, axis] += d @ f
+        return near / (np.pi * self.modulus), steep / (np.pi * self.modulus)
+
+    def pair_slope(self, f: Array, q: Array) -> tuple[Array, Array, Array, Array]:
+        """What `pair` and `slope` give."""
+        return *self.pair(f, q), *self.slope(f, q)
 
     def displacement(self, f: Array) -> tuple[Array, Array]:
         """Depression, as `apply`, and slope (n, 2), the gradient of the expansion `e = -w`."""
-        amplitude = self._symbol * (f @ self._waves.conj())
-        terms = self._waves * amplitude
-        w = terms.real.sum(axis=1) + self._mean * f.sum() - self._own * f
-        slope = terms.imag @ self._q
-        for rows, dx, dy, near, steep in self._near():
-            w[rows] += near @ f
-            slope[rows, 0] += (steep * dx) @ f
-            slope[rows, 1] += (steep * dy) @ f
-        return w / (np.pi * self.modulus), slope / (np.pi * self.modulus)
+        return self.apply(f), self.slope(f)[0]
 
-    def matrix(self) -> Array:
-        """The dense influence matrix `C` (n, n), m/N: symmetric, own images on the diagonal."""
-        c = (self._waves * self._symbol) @ self._waves.conj().T
-        c = c.real + self._mean - self._own * np.eye(len(self.x))
-        for rows, _, _, near, _ in self._near():
-            c[rows] += near
+    def matrix(self, laplacian: bool = False) -> Array:
+        """The dense influence matrix `C` (n, n), m/N: symmetric, own images on the diagonal.
+
+        Or that of its Laplacian, 1/(m N).
+        """
+        c = (self._waves * (self._laplacian if laplacian else self._symbol)) @ self._waves.conj().T
+        c = c.real - self._own[laplacian] * np.eye(len(self.x))
+        c += 0.0 if laplacian else self._mean
+        for rows, pairs in self._near():
+            c[rows] += pairs.laplacian if laplacian else pairs.value
         return (c + c.T) / (2 * np.pi * self.modulus)
 
-    def field(self, f: Array, points: Array) -> Array:
-        """Depression (m,), m, at `points` (m, 2) by all forces; infinite where one acts."""
+    def field(self, f: Array, points: Array, radius: Array | None = None) -> Array:
+        """Depression (m,), m, at `points` (m, 2) by all forces; infinite where one acts.
+
+        With contact radii (n,), m, by Hertz pressures, finite everywhere: force and moment by
+        Ewald's sum, the nearest image by the closed form, and what higher moments of the others add
+        image by image.
+        """
+        a = np.zeros(len(f)) if radius is None else radius
+        check_reach(2 * float(a.max(initial=0.0)), self.period)
         w = np.empty(len(points))
-        amplitude = self._symbol * (f @ self._waves.conj())
+        q = f * a * a / 10
+        wave_f, wave_q = self._amplitudes(f, q)
+        amplitude = self._symbol * wave_f + self._laplacian * wave_q
+        # What is further than the images taken one by one: nearly as a continuum.
+        beyond = _lattice_rest(self.period) * MULTIPOLES[2] * (f * a**4).sum()
         height = max(1, BLOCK // max(len(self._q), len(f), 1))
         for first in range(0, len(points), height):
             at = points[first : first + height]
-            smooth = (np.exp(1j * (at @ self._q.T)) @ amplitude).real
+            smooth = (np.exp(1j * (at @ self._q.T)) @ amplitude).real + self._mean * f.sum()
             d = at[:, None] - self.x
             d -= np.round(d / self.period) * self.period
             r = np.hypot(d[..., 0], d[..., 1])
-            net = (r == 0) @ f
-            t = np.where(r == 0, np.inf, r) / self._cutoff
-            near = np.where(t < 1, 1 / t - self._split.smooth(t), 0.0) / self._cutoff
-            total = smooth + self._mean * f.sum() + near @ f
+            singular = np.maximum(r, a) == 0
+            net = singular @ f
+            pairs = _Pairs(d, self._cutoff, self._split, np.broadcast_to(True, r.shape))
+            r[singular] = np.inf
+            near = greens.hertz(r, a, 1 / np.pi) + pairs.value
+            if radius is not None:
+                near = near + 0.1 * a * a * pairs.laplacian
+                outside = np.maximum(r, self._cutoff)
+                near -= np.where(r < self._cutoff, 0.0, 0.1 * a * a / outside**3)
+                for image in _images(self.period):
+                    near += _higher(np.hypot(*(d + image).T).T, a)
+            near -= np.where(r < self._cutoff, 0.0, 1 / r)
+            total = smooth + near @ f + beyond
             w[first : first + height] = np.where(net == 0, total, np.copysign(np.inf, net))
         return w / (np.pi * self.modulus)
 
-    @property
-    def _own(self) -> float:
-        return self._split.origin / self._cutoff
+    @cached_property
+    def _own(self) -> tuple[float, float]:
+        """The smooth part and its Laplacian at r = 0."""
+        return self._split.origin / self._cutoff, self._split.bend / self._cutoff**3
 
-    def _near(self) -> Iterator[tuple[slice, Array, Array, Array, Array]]:
-        """Rows of the pair table, shortest offsets, what pairs add to the waves, its steepness."""
-        n, split = len(self.x), self._split
+    def _amplitudes(self, f: Array, q: Array | None) -> tuple[Array, Array]:
+        waves = self._waves.conj()
+        wave_f: Array = f @ waves
+        return wave_f, np.zeros_like(wave_f) if q is None else q @ waves
+
+    def _at_contacts(self, amplitude: Array) -> Array:
+        return self._waves @ amplitude
+
+    def _fall(self, amplitude: Array) -> Array:
+        return (self._waves * amplitude).imag @ self._q
+
+    def _offsets(self) -> Iterator[tuple[slice, Array]]:
+        """Rows of the pair table, and the shortest offsets in it."""
+        n = len(self.x)
         height = max(1, BLOCK // max(n, 1))
-        polynomial = np.polynomial.Polynomial(split.polynomial)
         for first in range(0, n, height):
             rows = slice(first, min(first + height, n))
             d = self.x[rows, None] - self.x
             d -= np.round(d / self.period) * self.period
-            dx, dy = d[..., 0], d[..., 1]
-            t2 = (dx * dx + dy * dy) / self._cutoff**2
-            same = t2 * self._cutoff**2 <= self._unresolved
-            inside = (t2 < 1) & ~same
-            t2 = np.where(inside, t2, 1.0)
-            near = np.where(inside, 1 / np.sqrt(t2) - polynomial(2 * t2 - 1), 0.0) / self._cutoff
-            steep = np.where(inside, t2**-1.5 + 4 * polynomial.deriv()(2 * t2 - 1), 0.0)
-            k, j = np.nonzero(same)
-            k, j = k[k + rows.start != j], j[k + rows.start != j]
-            near[k, j] = -self._own
-            if self.radius is not None:
-                a = self.radius
-                mean = greens.hertz_concentric(a[k + rows.start], a[j], 1 / np.pi)
-                near[k, j] += mean
-            yield rows, dx, dy, near, steep / self._cutoff**3
+            yield rows, d
+
+    def _near(self) -> Iterator[tuple[slice, _Pairs]]:
+        for rows, d in self._offsets():
+            left_out = (d**2).sum(axis=2) <= self._left_out
+            own = np.arange(rows.start, rows.stop)
+            pairs = _Pairs(d, self._cutoff, self._split, left_out)
+            pairs.value[own - rows.start, own] = 0.0
+            pairs.laplacian[own - rows.start, own] = 0.0
+            yield rows, pairs
+
+
+class _Pairs:
+    """What pairs at the offsets d (m, n, 2) add to the waves, times pi E'; nothing beyond rc.
+
+    `value` and its Laplacian; `fall`, `laplacian_fall`: `-1/r d/dr` of both. Of pairs that are left
+    out, only the smooth part is taken away.
+    """
+
+    def __init__(self, d: Array, cutoff: float, split: Split, left_out: Array) -> None:
+        self.offset = d
+        t2 = (d**2).sum(axis=2) / cutoff**2
+        inside = t2 < 1
+        t2 = np.where(inside, t2, 1.0)
+        inverse = 1 / np.sqrt(np.where(left_out, np.inf, t2))
+        smooth, bend, fall, bend_fall = split.derivatives(t2)
+        self.value = np.where(inside, inverse - smooth, 0.0) / cutoff
+        self.laplacian = np.where(inside, inverse**3 - bend, 0.0) / cutoff**3
+        self.fall = np.where(inside, inverse**3 + fall, 0.0) / cutoff**3
+        self.laplacian_fall = np.where(inside, 3 * inverse**5 + bend_fall, 0.0) / cutoff**5
+
+
+def check_reach(reach: float, period: tuple[float, float]) -> None:
+    """Refuses contacts so wide that they may overlap with more than one image of another."""
+    if reach > 0.5 * min(period):
+        raise ValueError(
+            f"radius = {reach / 2:.3g} m: must be at most a quarter of the period's shorter side, "
+            f"{min(period):.3g} m"
+        )
+
+
+def _images(period: tuple[float, float]) -> Iterator[Array]:
+    """Offsets of the other images taken one by one."""
+    span = range(-IMAGES, IMAGES + 1)
+    for i in span:
+        for j in span:
+            if i or j:
+                yield np.array([i * period[0], j * period[1]])
+
+
+def _higher(r: Array, a: Array) -> Array:
+    """Depression by the moments of a Hertz pressure beyond the second, times pi E', per force."""
+    ratio = (a / r) ** 2
+    total = np.zeros(r.shape)
+    for coefficient in MULTIPOLES[:1:-1]:
+        total = total * ratio + coefficient
+    return total * ratio**2 / r
+
+
+@lru_cache(maxsize=8)
+def _lattice_rest(period: tuple[float, float]) -> float:
+    """Sum of 1/r^5 over the images beyond those taken one by one."""
+    far = 40
+    i, j = np.meshgrid(*(np.arange(-far, far + 1),) * 2, indexing="ij")
+    beyond = np.maximum(abs(i), abs(j)) > IMAGES
+    return float((np.hypot(i[beyond] * period[0], j[beyond] * period[1]) ** -5.0).sum())

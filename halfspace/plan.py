@@ -2,35 +2,46 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from . import checks
+from . import checks, finite
 from .checks import Array
 from .choice import Choice, choose
 from .direct import DirectSum
+from .finite import Close
 
 if TYPE_CHECKING:
     from .layer_kernel import LayerKernel
 
 SIMILAR = 1.25  # ratio of numbers of contacts up to which a choice is not thought over
+FAR = 6.0  # contact radii from which on contacts may pass for points
 
 
 class Sum(Protocol):
-    """What every way of summing offers; see `Plan`."""
+    """What every way of summing offers; see `direct.DirectSum`."""
 
+    @property
+    def closest(self) -> float: ...
     def apply(self, f: Array) -> Array: ...
     def displacement(self, f: Array) -> tuple[Array, Array]: ...
-    def refresh(self, x: Array, radius: Array | None = None) -> bool: ...
+    def pair(self, f: Array, q: Array | None) -> tuple[Array, Array]: ...
+    def pair_slope(self, f: Array, q: Array) -> tuple[Array, Array, Array, Array]: ...
+    def close(self) -> Close: ...
+    def refresh(self, x: Array, reach: float = 0.0) -> bool: ...
 
 
 class Plan:
     """Sums for many sets of forces on the same contacts, and for the same contacts moved on.
 
     Made by `HalfSpace.plan`. `x` (n, 2) are the contacts, m; `choice` says how they are summed, and
-    why (print it).
+    why (print it). Where a method takes `radius`, (n,) m, these are the contact radii under the
+    forces given, which coupling of finite size needs; without, those that the plan was made with,
+    and without these the contacts are points.
     """
 
     def __init__(
@@ -42,25 +53,65 @@ class Plan:
         period: tuple[float, float] | None = None,
         workers: int | None = None,
         method: str | None = None,
+        coupling: str = "finite",
         layer: LayerKernel | None = None,
     ) -> None:
         self._layer = layer
         self._modulus, self._tolerance, self._period = modulus, tolerance, period
         self._workers, self._method = workers, method
+        self.coupling, self._warned = coupling, False
+        self._reach = 0.0
         self._check(x, radius)
         self._begin()
 
-    def apply(self, f: Array) -> Array:
-        """Depression `w = C f` of every contact by the forces `f` (n,), N: (n,), m."""
-        return self._sum.apply(f)
+    def apply(self, f: Array, radius: Array | None = None) -> Array:
+        """Depression `w` of every contact by the forces `f` (n,), N: (n,), m."""
+        a = self._sized(radius)
+        if a is None:
+            return self._sum.apply(f)
+        return self._depression(f, a, *self._sum.pair(f, f * a * a / 10))
 
-    def slope(self, f: Array) -> Array:
+    def slope(self, f: Array, radius: Array | None = None) -> Array:
         """Gradient of the expansion `e = -w` at every contact, (n, 2)."""
-        return self._sum.displacement(f)[1]
+        return self.displacement(f, radius)[1]
 
-    def displacement(self, f: Array) -> tuple[Array, Array]:
-        """Depression, as `apply`, and slope from the same sums."""
-        return self._sum.displacement(f)
+    def displacement(self, f: Array, radius: Array | None = None) -> tuple[Array, Array]:
+        """Depression, as `apply`, and slope: see `HalfSpace.displacement`."""
+        a = self._sized(radius)
+        if a is None:
+            return self._sum.displacement(f)
+        near, steep, fall, steep_fall = self._sum.pair_slope(f, f * a * a / 10)
+        slope = fall + (a * a / 10)[:, None] * steep_fall
+        if self._reach:
+            slope += self._close.slope(f, a) / (np.pi * self._modulus)
+        return self._depression(f, a, near, steep), slope
+
+    def _depression(self, f: Array, a: Array, near: Array, steep: Array) -> Array:
+        w = near + a * a / 6 * steep
+        if self._reach:
+            w += self._close.depression(f, a) / (np.pi * self._modulus)
+        return w
+
+    def tangent(self, f: Array, radius: Array | None = None) -> Callable[[Array], Array]:
+        """`df -> dw`, the derivative of the depression by forces on which radii depend by Hertz.
+
+        `a ~ f^(1/3)`. It is symmetric, as the second derivative of an energy; for points it is
+        `apply`.
+        """
+        a = self._sized(radius)
+        if a is None:
+            return self._sum.apply
+        # d2q/df2 (laplacian of w): a contact's own size grows in the others' curvature.
+        pressing = np.where(f > 0, f, np.inf)
+        own = a * a / (9 * pressing) * self._sum.pair(f, f * a * a / 10)[1]
+        close = self._close.tangent(f, a) if self._reach else None
+
+        def apply(g: Array) -> Array:
+            near, steep = self._sum.pair(g, a * a / 6 * g)
+            dw = near + a * a / 6 * steep + own * g
+            return dw if close is None else dw + close(g) / (np.pi * self._modulus)
+
+        return apply
 
     def refresh(self, x: ArrayLike, radius: ArrayLike | None = None) -> None:
         """The same for contacts that have moved, or of which some have come or gone.
@@ -72,8 +123,38 @@ class Plan:
         self._check(x, radius)
         n, before = len(self.x), self.choice.count
         similar = n <= SIMILAR * before and before <= SIMILAR * n
-        if not (similar and self._sum.refresh(self.x, self._radius)):
+        if not (similar and self._sum.refresh(self.x, self._reach)):
             self._begin()
+        elif self._reach:
+            self._close = self._sum.close()
+
+    def warn_of_points(self, radius: Array) -> None:
+        """Warn, once, if contacts that count as points are too large or too close for that."""
+        widest = float(radius.max(initial=0.0))
+        if self.coupling == "point" and not self._warned and self._sum.closest < FAR * widest:
+            self._warned = True
+            warnings.warn(
+                f'coupling = "point": contacts of radius {widest:.3g} m lie '
+                f"{self._sum.closest:.3g} m apart; below {FAR:g} radii their size counts, and "
+                'coupling = "finite" knows it',
+                stacklevel=3,
+            )
+
+    def _sized(self, radius: Array | None) -> Array | None:
+        """The contact radii if they count; pairs that overlap are taken out of the sums."""
+        a = self._radius if radius is None else radius
+        if a is None:
+            return None
+        if self.coupling == "point":
+            self.warn_of_points(a)
+            return None
+        needed = finite.REACH * float(a.max(initial=0.0))
+        if needed > self._reach and needed > self._sum.closest:
+            self._reach = finite.SPARE * needed
+            if not self._sum.refresh(self.x, self._reach):
+                self._begin()
+            self._close = self._sum.close()
+        return a
 
     def _check(self, x: ArrayLike, radius: ArrayLike | None) -> None:
         self.x = checks.vectors("x", x)
@@ -81,24 +162,27 @@ class Plan:
 
     def _begin(self) -> None:
         thickness = None if self._layer is None else self._layer.thickness
-        self.choice: Choice = choose(self.x, self._tolerance, self._period, self._method, thickness)
-        self._sum = self._summing()(self.x, self._modulus)
+        self.choice: Choice = choose(
+            self.x, self._tolerance, self._period, self._method, self._reach, thickness
+        )
+        self._sum = self._summing()
         if self._layer is not None and self.choice.grid is None:
             from .layer_sums import LayerSum, correction_of
 
             extra = correction_of(self.x, self._modulus, self._layer, self._period)
             self._sum = LayerSum(self._sum, extra)
+        if self._reach:
+            self._close = self._sum.close()
 
-    def _summing(self) -> Callable[[Array, float], Sum]:
+    def _summing(self) -> Sum:
         """Imported where needed: the mesh starts the compiler of its loops."""
-        grid, radius, layer = self.choice.grid, self._radius, self._layer
+        grid, period = self.choice.grid, self._period
         if grid is not None:
             from .mesh import MeshSum
 
-            return lambda x, modulus: MeshSum(x, modulus, grid, radius, self._workers, layer)
-        period = self._period
+            return MeshSum(self.x, self._modulus, grid, self._reach, self._workers, self._layer)
         if period is not None:
             from .periodic import PeriodicSum
 
-            return lambda x, modulus: PeriodicSum(x, modulus, period, radius)
-        return lambda x, modulus: DirectSum(x, modulus, radius)
+            return PeriodicSum(self.x, self._modulus, period, self._reach)
+        return DirectSum(self.x, self._modulus, self._reach)

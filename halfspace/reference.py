@@ -9,7 +9,6 @@ Granular Matter 13, 643-656, 2011.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -42,15 +41,22 @@ def hertz_stiffness(radius: ArrayLike, modulus: ArrayLike) -> Array:
     return np.asarray(4.0 / 3.0 * np.asarray(modulus) * np.sqrt(radius))
 
 
-def hertz_law(radius: ArrayLike, modulus: ArrayLike) -> Callable[[Array], tuple[Array, Array]]:
-    """The law `d -> (force, tangent)` of touching spheres, for `halfspace.solve`."""
-    k = hertz_stiffness(radius, modulus)
+@dataclass(frozen=True)
+class HertzLaw:
+    """The law `overlap -> (force, tangent)` of touching spheres, for `halfspace.solve`."""
 
-    def law(overlap: Array) -> tuple[Array, Array]:
+    radius: ArrayLike
+    modulus: ArrayLike
+
+    def __call__(self, overlap: Array) -> tuple[Array, Array]:
+        k = hertz_stiffness(self.radius, self.modulus)
         root = np.sqrt(np.maximum(overlap, 0.0))
         return k * root**3, 1.5 * k * root
 
-    return law
+
+def hertz_law(radius: ArrayLike, modulus: ArrayLike) -> HertzLaw:
+    """The law of touching spheres, which knows their radii, for `halfspace.solve`."""
+    return HertzLaw(radius, modulus)
 
 
 def hertz_contact_radius(force: ArrayLike, radius: ArrayLike, modulus: ArrayLike) -> Array:

@@ -22,13 +22,14 @@ NODES = 200  # of the quadratures: the integrands are entire
 
 
 class Split:
-    """One bump. `beta` sets how small the spectrum becomes, and how soon.
+    """One bump. `beta` sets how small the spectrum becomes, and how soon; where it is `smooth`,
+    the bump ends without slope, and the Laplacian of the smooth part without a jump.
 
     The smooth part is `P(t^2)/rc` inside, with an entire function `P` that is kept as polynomial in
     `v = 2 t^2 - 1`: `polynomial` (degree + 1,), lowest power first. `P(1) = 1`.
     """
 
-    def __init__(self, beta: float) -> None:
+    def __init__(self, beta: float, smooth: bool = False) -> None:
         from scipy.special import i0
 
         self.beta = beta
@@ -36,7 +37,8 @@ class Split:
         node, weight = (node + 1) / 2, weight / 2
 
         def bump(t: Array) -> Array:
-            return i0(beta * np.sqrt(np.maximum(1 - t * t, 0.0))) - 1.0
+            z2 = beta**2 * np.maximum(1 - t * t, 0.0)
+            return i0(np.sqrt(z2)) - 1.0 - (z2 / 4 if smooth else 0.0)
 
         whole = float(weight @ bump(node))
 
@@ -55,6 +57,25 @@ class Split:
     def origin(self) -> float:
         """`Phi'(0)`: the smooth part at r = 0, times rc."""
         return float(Polynomial(self.polynomial)(-1.0))
+
+    @property
+    def laplacian(self) -> Array:
+        """Of the smooth part within rc, times rc^3, as polynomial in v, lowest power first."""
+        p = Polynomial(self.polynomial)
+        bent = 8 * p.deriv() + Polynomial([8.0, 8.0]) * p.deriv(2)
+        return np.ascontiguousarray(bent.coef)
+
+    @property
+    def bend(self) -> float:
+        """The smooth part's Laplacian at r = 0, times rc^3."""
+        return float(8 * Polynomial(self.polynomial).deriv()(-1.0))
+
+    def derivatives(self, t2: Array) -> tuple[Array, Array, Array, Array]:
+        """Of the smooth part within rc, at `t^2`: value, Laplacian, and `1/t d/dt` of both."""
+        p = Polynomial(self.polynomial)
+        v = 2 * t2 - 1
+        first, second, third = (p.deriv(m)(v) for m in (1, 2, 3))
+        return p(v), 8 * first + 16 * t2 * second, 4 * first, 64 * (second + t2 * third)
 
     @property
     def missing(self) -> float:

@@ -131,16 +131,18 @@ class Viscoelastic:
         dt: float,
         ids: ArrayLike | None = None,
         share: ArrayLike = 1.0,
+        residual: float = 1e-6,
+        start: ArrayLike | None = None,
+        max_iterations: int = 50,
         plan: Plan | None = None,
-        **options: Any,
     ) -> Equilibrium:
         """Forces in equilibrium at the end of a step dt, s, that act over all of it.
 
-        x, overlap, law, plan and options as for `halfspace.solve`; the law is that of touch on the
-        instantaneous ground, such as Hertz's, and creeps with it: it holds between the overlap and
-        `f + share c s`, where `share` is the ground's share of the contact's compliance (1 on soft
-        ground; scalar or (n,)). At dt = 0 the answer is that of the moment. The memory is
-        left as it is: `advance(dt, state.force, ids)` accepts the step.
+        Arguments as for `halfspace.solve`, with contacts that count as points. The law is that of
+        touch on the instantaneous ground, Hertz's or so, and creeps with it: it holds between the
+        overlap and `f + share c s`, where `share` is the ground's share of the contact's compliance
+        (1 on soft ground; scalar or (n,)). At dt = 0 the answer is that of the moment. The memory
+        is left as it is: `advance(dt, state.force, ids)` accepts the step.
         """
         plan = self.ground.plan(x) if plan is None else plan
         plan.refresh(x)
@@ -159,7 +161,9 @@ class Viscoelastic:
             return np.maximum(surplus, 0.0), np.where(surplus > 0, growth / own * tangent, 0.0)
 
         sunk, slope = plan.displacement(past)
-        state = solve(self.ground, plan.x, delta - sunk, creeping, plan=plan, **options)
+        state = solve(
+            self.ground, plan.x, delta - sunk, creeping, residual, start, max_iterations, plan=plan
+        )
         return replace(
             state,
             force=state.force / growth,

@@ -97,17 +97,6 @@ def test_concentric_limits():
     assert greens.hertz_concentric(0.0, 0.0, 2.0) == 0.0
 
 
-def test_point_gradient_is_the_derivative():
-    dx, dy = np.array([0.3, -0.2, 1.0]), np.array([0.4, 0.7, 0.0])
-    gx, gy = greens.point_gradient(dx, dy, 3.0)
-    h = 1e-5
-    for axis, gradient in enumerate((gx, gy)):
-        ex, ey = (h, 0) if axis == 0 else (0, h)
-        ahead = greens.point(np.hypot(dx + ex, dy + ey), 3.0)
-        behind = greens.point(np.hypot(dx - ex, dy - ey), 3.0)
-        assert gradient == pytest.approx((ahead - behind) / (2 * h), rel=1e-8, abs=1e-8)
-
-
 def test_flat_punch():
     assert ref.flat_punch_force(0.5, 0.1, 3.0) == pytest.approx(2 * 0.5 * 3.0 * 0.1)
 

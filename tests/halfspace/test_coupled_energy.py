@@ -8,7 +8,8 @@ from halfspace import reference as ref
 
 RADIUS, MODULUS = 1.0, 1.0
 HERTZ = ref.hertz_law(RADIUS, MODULUS)
-GROUND = halfspace.HalfSpace(MODULUS, 0.0)  # rigid spheres on it: E* = E'
+GROUND = halfspace.HalfSpace(MODULUS, 0.0, coupling="point")  # rigid spheres on it: E* = E'
+pytestmark = pytest.mark.filterwarnings("ignore:coupling = ")  # points, though close together
 
 
 @pytest.fixture

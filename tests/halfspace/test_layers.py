@@ -267,28 +267,76 @@ def test_coincident_contacts_and_far_ones():
 
 
 def test_one_sphere_feels_the_base_by_its_own_force():
-    """d + D(0) F/(pi E' h) = delta, so F/F_Hertz = 1 + 1.127 c + 1.482 c^2 + ..., c = sqrt(R d)/h:
-    to this order Garcia & Garcia's (Biophys. J. 114, 2923, 2018) 1.133 and 1.497."""
-    layer = ground(nu=0.5, thickness=1.0)
-    radius = 1.0
-    law = ref.hertz_law(radius, layer.modulus)
-    ratio = []
-    chi = np.array([1e-3, 2e-3, 4e-3])
-    for delta in chi**2:
+    """d + D(0) F/(pi E' h) = delta, point coupling."""
+    layer = ground(nu=0.5, thickness=1.0, coupling="point")
+    law = ref.hertz_law(1.0, layer.modulus)
+    own = layer.matrix([[0.0, 0.0]])[0, 0]
+    for delta in (1e-4, 0.03):
         state = halfspace.solve(layer, [[0.0, 0.0]], [delta], law, residual=1e-13)
-        own = layer.matrix([[0.0, 0.0]])[0, 0]
 
-        def surplus(d, delta=delta, own=own):
+        def surplus(d, delta=delta):
             return d + own * law(np.array(d))[0] - delta
 
         expected = brentq(surplus, 0, 2 * delta, xtol=1e-16 * delta)
         assert state.overlap[0] == pytest.approx(expected, rel=1e-10)
+
+
+def test_one_sphere_of_finite_contact():
+    """F/F_Hertz = 1 + 1.127 c + 1.482 c^2 + 1.470 c^3 + ..., c = sqrt(R delta)/h, nu = 1/2: to this
+    order P. D. Garcia & R. Garcia's 1.133, 1.497 and 1.469 (Biophys. J. 114, 2923, 2018), who take
+    their integrals from a fit. The third needs the contact's size."""
+    layer = ground(nu=0.5, thickness=1.0)
+    law = ref.hertz_law(1.0, layer.modulus)
+    chi = 0.01 * np.arange(1, 9)
+    ratio = []
+    for delta in chi**2:
+        state = halfspace.solve(layer, [[0.0, 0.0]], [delta], law, residual=1e-14)
         ratio.append(state.force[0] / law(np.array(delta))[0])
-    a = -2 / np.pi * correction(0.5, "bonded").value.origin
-    rest = (np.array(ratio) - 1 - a * chi) / chi**2
-    second = 2.625 * (2 / 3 * a) ** 2
-    assert rest[0] == pytest.approx(second, rel=5e-3)
-    assert [a, second] == pytest.approx([1.133, 1.497], rel=0.011)
+    series = np.polynomial.Polynomial.fit(chi, ratio, 7, domain=[-1, 1]).coef
+    assert series[0] == pytest.approx(1, abs=1e-8)
+    tables = correction(0.5, "bonded")
+    b = -4 / (3 * np.pi) * tables.value.origin
+    third = 5 * b**3 - 8 / (15 * np.pi) * tables.laplacian.origin
+    assert series[1:4] == pytest.approx([1.5 * b, 21 / 8 * b**2, third], rel=2e-3)
+    assert series[1:4] == pytest.approx([1.133, 1.497, 1.469], rel=0.011)
+
+
+@pytest.mark.parametrize("method", ["direct", "mesh"])
+@pytest.mark.parametrize("period", [None, (0.3, 0.24)])
+def test_finite_contacts_have_an_energy(rng, period, method):
+    """w is its derivative by the force, radii following by Hertz, and f slope that by the place."""
+    layer = ground(period=period, thickness=0.05, tolerance=1e-8)
+    cells = np.stack(np.meshgrid(np.arange(5), np.arange(4)), -1).reshape(-1, 2)
+    x, f = 0.06 * cells + 0.02 * rng.random(cells.shape), 1 + rng.random(20)
+    strength, plan = 4e-3, layer.plan(x, method=method)
+
+    def radius(f):
+        return strength * np.cbrt(f)
+
+    def displacement(x, f):
+        plan.refresh(x)
+        return plan.displacement(f, radius(f))
+
+    def energy(x, f):
+        """int_0^1 f.w(c f) dc: w(c f) is of c and of c^(5/3)."""
+        one, half = (f @ displacement(x, c * f)[0] for c in (1.0, 0.5))
+        size = (half - 0.5 * one) / (0.5 ** (5 / 3) - 0.5)
+        return (one - size) / 2 + 3 / 8 * size
+
+    w, slope = displacement(x, f)
+    right, steep = layer.plan(x, method="direct").displacement(f, radius(f))
+    scale = 2 / (np.pi * layer.modulus * 0.06)
+    assert np.abs(w - right).max() < layer.tolerance * scale
+    assert np.sqrt(np.mean((slope - steep) ** 2)) < layer.tolerance * scale / 0.01
+    k = 7
+    bump = np.where(np.arange(20) == k, 1e-4, 0.0)
+    by_force = (energy(x, f + bump) - energy(x, f - bump)) / 2e-4
+    assert by_force == pytest.approx(w[k], rel=1e-7)
+    for axis in (0, 1):
+        move = np.zeros_like(x)
+        move[k, axis] = 1e-5
+        by_place = (energy(x + move, f) - energy(x - move, f)) / 2e-5
+        assert -f[k] * slope[k, axis] == pytest.approx(by_place, rel=3e-6)
 
 
 def test_mean_of_the_correction_under_a_hertz_pressure():
@@ -345,12 +393,13 @@ def test_moments_are_laplacians(rng, period):
     assert orders == pytest.approx([4, 2], abs=0.1)
 
 
+@pytest.mark.filterwarnings("ignore:coupling")
 @pytest.mark.parametrize("base", BASES)
 def test_spheres_in_equilibrium_on_a_layer(rng, base):
     cells = np.stack(np.meshgrid(np.arange(6), np.arange(6)), -1).reshape(-1, 2)
     x = cells + 0.2 * rng.random(cells.shape)
     overlap = 0.03 * (1 + 0.5 * rng.standard_normal(len(x)))
-    layer = halfspace.HalfSpace(1.0, NU, layer=halfspace.Layer(1.0, base))
+    layer = halfspace.HalfSpace(1.0, NU, layer=halfspace.Layer(1.0, base), coupling="point")
     law = ref.hertz_law(1.0, layer.modulus)
     state = halfspace.solve(layer, x, overlap, law, residual=1e-12)
     reached = overlap - layer.matrix(x) @ state.force
@@ -358,13 +407,14 @@ def test_spheres_in_equilibrium_on_a_layer(rng, base):
     assert np.abs(state.overlap - reached)[closed].max() < 1e-12 * overlap.max()
     assert np.all(reached[~closed] <= 0)
     assert (law(np.maximum(state.overlap, 0))[0] == state.force).all()
-    deep = halfspace.solve(halfspace.HalfSpace(1.0, NU), x, overlap, law, residual=1e-12)
+    bare = halfspace.HalfSpace(1.0, NU, coupling="point")
+    deep = halfspace.solve(bare, x, overlap, law, residual=1e-12)
     assert state.force.sum() > 1.2 * deep.force.sum()  # neighbours screen each other less
 
 
 def test_a_contact_too_wide_for_its_layer_is_reported():
     """d - c d^(3/2) = delta has no root for delta > d*/3, d* = (2/(3 c))^2: it is said so."""
-    layer = ground(nu=0.5, thickness=1.0)
+    layer = ground(nu=0.5, thickness=1.0, coupling="point")
     law = ref.hertz_law(1.0, layer.modulus)
     own = -layer.matrix([[0.0, 0.0]])[0, 0] * law(np.array(1.0))[0]
     turn = (2 / (3 * own)) ** 2
@@ -404,18 +454,18 @@ def test_refused_layers(arguments, words):
 # -- fast sums -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("period", [None, (30.0, 30.0)])
+@pytest.mark.parametrize("period", [None, (20.0, 20.0)])
 @pytest.mark.parametrize("thickness", [0.3, 2.0, 50.0])
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-8])
 def test_mesh_meets_its_tolerance(rng, tolerance, thickness, period):
     """Of f_rms/(pi E' s), at a unit spacing and for layers thinner and thicker than that."""
-    x = 30 * rng.random((900, 2))
+    x = 20 * rng.random((400, 2))
     layer = halfspace.HalfSpace(
         1 / np.pi, 0.0, tolerance, period=period, layer=halfspace.Layer(thickness)
     )
     mesh, direct = layer.plan(x, method="mesh"), layer.plan(x, method="direct")
     assert mesh.choice.grid.cutoff <= thickness
-    for f in (rng.standard_normal(900), 2 * rng.random(900)):
+    for f in (rng.standard_normal(400), 2 * rng.random(400)):
         rms = np.sqrt(np.mean(f**2))
         w, slope = mesh.displacement(f)
         right, steep = direct.displacement(f)

@@ -8,8 +8,8 @@ from halfspace import reference as ref
 
 E0, E1, NU, TAU = 3e4, 1e4, 0.4, 0.7
 CREEP = E0 / E1 - 1
-GROUND = halfspace.HalfSpace(E0, NU)
-RELAXED = halfspace.HalfSpace(E1, NU)
+GROUND = halfspace.HalfSpace(E0, NU, coupling="point")
+RELAXED = halfspace.HalfSpace(E1, NU, coupling="point")
 RADIUS = 0.01
 
 

@@ -15,7 +15,7 @@ R, N = 5e-3, 49
 SOIL = dem.Material("soil", density=1000, youngs_modulus=2e5, poissons_ratio=0.45)
 RIGID = rigid()
 STONE = dem.Material("stone", density=2500, youngs_modulus=2e6, poissons_ratio=0.2)
-GROUND = halfspace.HalfSpace(SOIL.youngs_modulus, SOIL.poissons_ratio)
+GROUND = halfspace.HalfSpace(SOIL.youngs_modulus, SOIL.poissons_ratio, coupling="point")
 MODULUS = GROUND.modulus  # E* of a rigid sphere on it
 MASS = RIGID.density * 4 / 3 * np.pi * R**3
 HIGH = 50 * R

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .plan import Sum
 
 WAVES = 20.0  # highest q h of a periodic correction: S - 1 is below 1e-15 there
+MOST = 2**23  # waves that may be summed
 
 
 def correction_of(
@@ -171,13 +172,18 @@ class Waves(Pairs):
     """The same over all images of a periodic cell: a sum of waves.
 
     The wave of no wavenumber, which a half-space leaves out, has a meaning on a layer,
-    `Layer.uniform`.
+    `Layer.uniform`. Raises MemoryError for cells a thousand times as wide as the layer is thick.
     """
 
     def __init__(
         self, x: Array, modulus: float, kernel: LayerKernel, period: tuple[float, float]
     ) -> None:
         counts = [int(WAVES * side / (2 * np.pi * kernel.thickness)) + 1 for side in period]
+        if 2 * counts[0] * counts[1] > MOST:
+            raise MemoryError(
+                f"period = {period}: a layer of {kernel.thickness:.3g} m is too thin for that, it "
+                f"takes {2.0 * counts[0] * counts[1]:.2g} waves, more than {MOST:.2g}"
+            )
         self._q = 2 * np.pi / period[0] * np.arange(-counts[0], counts[0] + 1)
         self._p = 2 * np.pi / period[1] * np.arange(counts[1] + 1)
         wave = np.hypot(self._q[:, None], self._p)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 SIMILAR = 1.25  # ratio of numbers of contacts up to which a choice is not thought over
 FAR = 6.0  # contact radii from which on contacts may pass for points
+WIDE = {"finite": 0.4, "point": 0.2}  # a/h from which on forces on a layer err by a percent
 
 
 class Sum(Protocol):
@@ -59,7 +60,7 @@ class Plan:
         self._layer = layer
         self._modulus, self._tolerance, self._period = modulus, tolerance, period
         self._workers, self._method = workers, method
-        self.coupling, self._warned = coupling, False
+        self.coupling, self._warned, self._warned_of_layer = coupling, False, False
         self._reach = 0.0
         self._check(x, radius)
         self._begin()
@@ -129,8 +130,19 @@ class Plan:
             self._close = self._sum.close()
 
     def warn_of_points(self, radius: Array) -> None:
-        """Warn, once, if contacts that count as points are too large or too close for that."""
+        """Warn, once, if contacts that count as points are too large or too close for that.
+
+        Or if contacts are too wide for a layer.
+        """
         widest = float(radius.max(initial=0.0))
+        thickness = np.inf if self._layer is None else self._layer.thickness
+        if widest > WIDE[self.coupling] * thickness and not self._warned_of_layer:
+            self._warned_of_layer = True
+            warnings.warn(
+                f"contacts of radius {widest:.3g} m are wide for a layer of {thickness:.3g} m: "
+                f"beyond {WIDE[self.coupling] * thickness:.3g} m forces err by a percent and more",
+                stacklevel=3,
+            )
         if self.coupling == "point" and not self._warned and self._sum.closest < FAR * widest:
             self._warned = True
             warnings.warn(

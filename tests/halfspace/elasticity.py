@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from halfspace.layers import symbol
+
 NODES = 40
 
 
@@ -30,3 +32,26 @@ def wave_response(x, nu, base, load):
     lame[2 * n + 1] = np.block([none, one])[n]
     solution = np.linalg.solve(lame, right)
     return solution[0], solution[n + 1]
+
+
+def sphere_on_a_layer(a, nu, base, radius=1.0):
+    """(force/E', approach) of a rigid paraboloid of the contact radius a on a layer of unit depth.
+
+    Sneddon's dual integral equations as one of the second kind: with the pressure's transform
+    `p(q) = int_0^a phi(t) cos(q t) dt`,
+
+        phi(t) + 2/pi int_0^a phi(s) int_0^inf (S(q) - 1) cos(q t) cos(q s) dq ds
+            = E'/pi (delta - t^2/R),    phi(a) = 0,    F = 2 pi int_0^a phi dt.
+    (N. N. Lebedev & Ia. S. Ufliand, PMM J. Appl. Math. Mech. 22, 442, 1958.)
+    """
+    node, weight = np.polynomial.legendre.leggauss(30)
+    t, w = np.append(a * (node + 1) / 2, a), np.append(weight * a / 2, 0.0)
+    deep, thick = np.polynomial.legendre.leggauss(200)
+    q, strength = 12 * (deep + 1), 12 * thick
+    waves = np.cos(t[:, None] * q)
+    kernel = 2 / np.pi * (waves * (strength * (symbol(q, nu, base) - 1))) @ waves.T
+    system = np.eye(len(t)) + kernel * w
+    of_approach, of_shape = np.linalg.solve(system, np.stack([np.ones_like(t), -(t**2)], 1)).T
+    approach = -of_shape[-1] / of_approach[-1] / radius
+    phi = (approach * of_approach + of_shape / radius) / np.pi
+    return 2 * np.pi * w @ phi, approach

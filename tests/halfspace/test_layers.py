@@ -1,8 +1,10 @@
 """Layers of finite thickness on a rigid base, against elasticity solved anew and closed forms."""
 
+import warnings
+
 import numpy as np
 import pytest
-from elasticity import wave_response
+from elasticity import sphere_on_a_layer, wave_response
 from scipy.optimize import brentq
 from scipy.special import j0, j1
 
@@ -12,6 +14,7 @@ from halfspace import reference as ref
 from halfspace.layer_kernel import PIECE, REACH, LayerKernel, correction
 from halfspace.layer_sums import correction_of
 from halfspace.layers import symbol
+from halfspace.plan import WIDE
 
 E, NU, H = 2e4, 0.3, 0.02
 BASES = ("bonded", "frictionless")
@@ -253,6 +256,47 @@ def test_blocks_give_the_same_sums(rng, period, monkeypatch):
     assert layer.field(x, f, x + 1e-3) == pytest.approx(field, rel=1e-12)
 
 
+def test_sums_as_a_kernel_would_do_them(rng):
+    """From the table of coefficients alone, contact by contact, as `docs` describe it."""
+    layer, table = ground(nu=0.45), correction(0.45, "bonded").value
+    x, f = layout(rng, 6, 0.4)
+    w, slope = layer.displacement(x, f)
+    for k in range(6):
+        depth, uphill = table.origin / H * f[k], np.zeros(2)
+        for j in set(range(6)) - {k}:
+            d = x[k] - x[j]
+            r = float(np.hypot(*d))
+            t = r / H
+            value, steep = -1 / t, 1 / t**2
+            if t < REACH:
+                i = int(t / PIECE)
+                v = 2 * (t / PIECE - i) - 1
+                value = np.polyval(table.coefficients[:, i], v)
+                steep = 2 / PIECE * np.polyval(np.polyder(table.coefficients[:, i]), v)
+            depth += (1 / r + value / H) * f[j]
+            uphill += (1 / r**3 - steep / (H**2 * r)) * d * f[j]
+        assert w[k] * np.pi * layer.modulus == pytest.approx(depth, rel=1e-11)
+        scale = np.abs(slope).max()
+        assert slope[k] == pytest.approx(uphill / (np.pi * layer.modulus), abs=1e-11 * scale)
+
+
+@pytest.mark.parametrize("thickness", [1e-12, 1e-7, 1e5, 1e12])
+def test_layers_of_any_thickness(rng, thickness):
+    x, f = layout(rng, 400)
+    layer = ground(thickness=thickness)
+    w, slope = layer.displacement(x, f)
+    assert np.isfinite(w).all() and np.isfinite(slope).all()
+    own = correction(NU, "bonded").value.origin / (np.pi * layer.modulus * thickness)
+    if thickness < 1:  # none reaches another
+        assert w == pytest.approx(own * f, rel=1e-6)
+    else:
+        deep = halfspace.HalfSpace(E, NU).plan(x, method="direct").displacement(f)
+        assert w == pytest.approx(deep[0] + own * f.sum(), rel=1e-4)
+    if thickness == 1e-12:
+        with pytest.raises(MemoryError, match=r"a layer of 1e-12 m is too thin for that"):
+            ground(thickness=thickness, period=(1.0, 1.0)).displacement(x, f)
+
+
 def test_coincident_contacts_and_far_ones():
     layer = ground()
     x = np.array([[0.1, 0.1], [0.1, 0.1], [1e4, 0.1]])
@@ -339,6 +383,35 @@ def test_finite_contacts_have_an_energy(rng, period, method):
         assert -f[k] * slope[k, axis] == pytest.approx(by_place, rel=3e-6)
 
 
+@pytest.mark.parametrize(("base", "nu"), [("bonded", 0.0), ("bonded", 0.5), ("frictionless", 0.3)])
+def test_one_sphere_against_the_integral_equation(base, nu):
+    """With contacts of finite size the force errs as (a/h)^5, as points as (a/h)^3; and 1 % where
+    it is said that they are too wide."""
+    errors = {}
+    for coupling, order in (("finite", 5), ("point", 3)):
+        layer = ground(base, nu, 1.0, coupling=coupling)
+        law = ref.hertz_law(1.0, layer.modulus)
+        for a in (0.1, 0.2, WIDE[coupling]):
+            force, approach = sphere_on_a_layer(a, nu, base)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                state = halfspace.solve(layer, [[0.0, 0.0]], [approach], law, residual=1e-13)
+            errors[a] = abs(state.force[0] / (force * layer.modulus) - 1)
+        assert np.log2(errors[0.2] / errors[0.1]) > order - 0.5
+        assert errors[WIDE[coupling]] < 0.01
+    assert sphere_on_a_layer(1e-4, nu, base)[1] == pytest.approx(1e-8, rel=1e-3)
+
+
+def test_contacts_too_wide_for_a_layer_are_warned_of():
+    layer = ground(thickness=1.0)
+    law = ref.hertz_law(1.0, layer.modulus)
+    with pytest.warns(UserWarning, match=r"contacts of radius 0.521 m are wide for a layer of 1 m"):
+        halfspace.solve(layer, [[0.0, 0.0]], [0.2], law)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        halfspace.solve(layer, [[0.0, 0.0]], [0.1], law)
+
+
 def test_mean_of_the_correction_under_a_hertz_pressure():
     """The field of a contact of some size, against summing the kernel over its pressure."""
     layer = ground(nu=0.4, thickness=1.0)
@@ -412,6 +485,7 @@ def test_spheres_in_equilibrium_on_a_layer(rng, base):
     assert state.force.sum() > 1.2 * deep.force.sum()  # neighbours screen each other less
 
 
+@pytest.mark.filterwarnings("ignore:contacts of radius")
 def test_a_contact_too_wide_for_its_layer_is_reported():
     """d - c d^(3/2) = delta has no root for delta > d*/3, d* = (2/(3 c))^2: it is said so."""
     layer = ground(nu=0.5, thickness=1.0, coupling="point")

@@ -4,6 +4,8 @@
     w, slope = ground.displacement(x, f)                 # at contacts, by the others
     ground.field(x, f, points)                           # depression anywhere
     halfspace.solve(ground, x, overlap, law).force       # forces in equilibrium
+    halfspace.press(ground, x, radius, load=1e-3)        # spheres pressed in, under a load
+    halfspace.draw_dents(ground, x, f, radius)           # the surface from above
 
 `halfspace.reference` holds closed-form solutions. SI units; depressions are positive downward.
 """
@@ -16,7 +18,9 @@ from typing import Any
 from .choice import Choice
 from .ground import HalfSpace
 from .layers import Layer
+from .pictures import draw_dents
 from .plan import Plan
+from .press import Pressed, press
 from .solve import Equilibrium, NotConverged, solve
 from .tangential import VectorHalfSpace, VectorPlan
 from .viscoelastic import Viscoelastic
@@ -28,9 +32,12 @@ __all__ = [
     "Layer",
     "NotConverged",
     "Plan",
+    "Pressed",
     "VectorHalfSpace",
     "VectorPlan",
     "Viscoelastic",
+    "draw_dents",
+    "press",
     "reference",
     "solve",
 ]

@@ -69,14 +69,14 @@ def positive(name: str, value: ArrayLike, unit: str, count: int) -> Array:
     """Finite numbers > 0: (count,), or one for all."""
     array = np.full(count, _floats(name, value)) if np.ndim(value) == 0 else _floats(name, value)
     array = scalars(name, array, count)
-    _refuse(name, array, array <= 0, f"must be > 0 {unit}")
+    refuse(name, array, array <= 0, f"must be > 0 {unit}")
     return array
 
 
 def radii(name: str, value: ArrayLike, count: int) -> Array:
     """Contact radii, (count,), finite and not negative."""
     array = scalars(name, value, count)
-    _refuse(name, array, array < 0, "must be >= 0 m")
+    refuse(name, array, array < 0, "must be >= 0 m")
     return array
 
 
@@ -88,11 +88,12 @@ def _floats(name: str, value: ArrayLike) -> Array:
 
 
 def finite(name: str, array: Array) -> Array:
-    _refuse(name, array, ~np.isfinite(array), "must be finite")
+    refuse(name, array, ~np.isfinite(array), "must be finite")
     return array
 
 
-def _refuse(name: str, array: Array, bad: NDArray[np.bool_], wanted: str) -> None:
+def refuse(name: str, array: Array, bad: NDArray[np.bool_], wanted: str) -> None:
+    """Refuses an array of which some elements are `bad`, and names the first."""
     if bad.any():
         first = tuple(int(i) for i in np.argwhere(bad)[0])
         place = ", ".join(map(str, first))

@@ -191,13 +191,13 @@ class PeriodicSum:
             pairs = _Pairs(d, self._cutoff, self._split, np.broadcast_to(True, r.shape))
             r[singular] = np.inf
             near = greens.hertz(r, a, 1 / np.pi) + pairs.value
+            outside = np.maximum(r, self._cutoff)
             if radius is not None:
                 near = near + 0.1 * a * a * pairs.laplacian
-                outside = np.maximum(r, self._cutoff)
                 near -= np.where(r < self._cutoff, 0.0, 0.1 * a * a / outside**3)
                 for image in _images(self.period):
                     near += _higher(np.hypot(*(d + image).T).T, a)
-            near -= np.where(r < self._cutoff, 0.0, 1 / r)
+            near -= np.where(r < self._cutoff, 0.0, 1 / outside)
             total = smooth + near @ f + beyond
             w[first : first + height] = np.where(net == 0, total, np.copysign(np.inf, net))
         return w / (np.pi * self.modulus)

@@ -150,7 +150,7 @@ def solve(
     problem = _Problem(plan, delta, law, floor, spheres)
     best: _Found | None = None
     # A guess of where spheres touch is worth a full solve, none at all is not.
-    iterations, aim, points = 0, goal, _Points()
+    iterations, aim, points = 0, goal, Points()
     if tilting and shift is None:
         aim = max(goal, FIRST * scale)
     state = problem.at(guess, offset) if scale > 0 else problem.open(offset)
@@ -168,7 +168,7 @@ def solve(
         iterations += 1
         problem.applications += 1  # of the slope
         aim = max(goal, EASE * found.tilt)
-        offset = points.next(found)
+        offset = points.next(found.state.offset, found.wrong, found.state.force != 0)
         plan.refresh(x + offset)
         state = problem.at(found.state.overlap, offset)
     if spheres is not None:
@@ -230,6 +230,14 @@ class Spheres:
         a: Array = np.cbrt(0.75 * np.maximum(force, 0.0) * self.radius / self.modulus)
         return a
 
+    def tilt(self, wrong: Array, slope: Array, force: Array) -> float:
+        """The overlap, m, that points of contact `wrong` (n, 2) by so much are wrong by, at most.
+
+        A contact's own overlap is stationary there; those of its neighbours are not.
+        """
+        felt = np.abs((wrong * slope).sum(axis=1)) + (wrong**2).sum(axis=1) / (2 * self.radius)
+        return float(felt[force != 0].max(initial=0.0))
+
 
 @dataclass(frozen=True)
 class _State:
@@ -265,7 +273,7 @@ class _Found:
         return max(self.state.error, self.tilt)
 
 
-class _Points:
+class Points:
     """Where spheres touch, round by round: substitution, by what the last rounds taught of it.
 
     D. G. Anderson, J. ACM 12, 547, 1965. Where contacts overlap, bare substitution may not
@@ -275,16 +283,15 @@ class _Points:
     def __init__(self) -> None:
         self._past: list[tuple[Array, Array]] = []
 
-    def next(self, found: _Found) -> Array:
-        loaded = (found.state.force != 0)[:, None]
-        here, wrong = found.state.offset, found.wrong
+    def next(self, here: Array, wrong: Array, loaded: Array) -> Array:
+        """The next shifts, after `here` (n, 2) were found `wrong` (n, 2) by so much."""
         step = here + wrong
         if self._past:
             moved = np.stack([(here - c).ravel() for c, _ in self._past], axis=1)
-            turned = np.stack([((wrong - w) * loaded).ravel() for _, w in self._past], axis=1)
-            share = np.linalg.lstsq(turned, (wrong * loaded).ravel(), rcond=1e-8)[0]
-            all_turned = np.stack([(wrong - w).ravel() for _, w in self._past], axis=1)
-            step = step - ((moved + all_turned) @ share).reshape(here.shape)
+            turned = np.stack([(wrong - w).ravel() for _, w in self._past], axis=1)
+            counts = np.repeat(loaded, 2)
+            share = np.linalg.lstsq(turned[counts], wrong.ravel()[counts], rcond=1e-8)[0]
+            step = step - ((moved + turned) @ share).reshape(here.shape)
         self._past = [*self._past, (here, wrong)][-MEMORY:]
         return step
 
@@ -331,10 +338,7 @@ class _Problem:
         wrong, tilt = np.zeros_like(slope), 0.0
         if tilting and self._spheres is not None:
             wrong = self._spheres.radius[:, None] * slope - state.offset
-            felt = np.abs((wrong * slope).sum(axis=1)) + (wrong**2).sum(axis=1) / (
-                2 * self._spheres.radius
-            )
-            tilt = float(felt[state.force != 0].max(initial=0.0))
+            tilt = self._spheres.tilt(wrong, slope, state.force)
         return _Found(state, slope, wrong, tilt)
 
     def at(self, d: Array, offset: Array) -> _State:

@@ -402,6 +402,23 @@ def test_one_sphere_against_the_integral_equation(base, nu):
     assert sphere_on_a_layer(1e-4, nu, base)[1] == pytest.approx(1e-8, rel=1e-3)
 
 
+def test_spheres_pressed_on_a_layer(rng):
+    """One by the load of the integral equation; several, by approach and by load the same."""
+    layer = ground(nu=0.5, thickness=1.0)
+    force, approach = sphere_on_a_layer(0.2, 0.5, "bonded")
+    one = halfspace.press(layer, [[0.0, 0.0]], 1.0, load=[force * layer.modulus])
+    assert one.approach[0] == pytest.approx(approach, rel=3e-4)
+    x = 1.2 * np.stack(np.meshgrid(np.arange(3), np.arange(3)), -1).reshape(-1, 2)
+    held = halfspace.press(layer, x, 1.0, approach=0.04 + 0.01 * rng.random(9))
+    laden = halfspace.press(layer, x, 1.0, load=held.force)
+    assert laden.approach == pytest.approx(held.approach, rel=1e-6)
+    together = halfspace.press(layer, x, 1.0, load=float(held.force.sum()))
+    assert np.ptp(together.approach) == 0
+    # What the surface does under one is its own dent and what the others and the base do there.
+    depth = held.depression(held.contact)
+    assert depth == pytest.approx(held.approach, rel=0.01)
+
+
 def test_contacts_too_wide_for_a_layer_are_warned_of():
     layer = ground(thickness=1.0)
     law = ref.hertz_law(1.0, layer.modulus)

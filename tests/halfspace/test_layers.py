@@ -483,7 +483,7 @@ def test_moments_are_laplacians(rng, period):
     assert orders == pytest.approx([4, 2], abs=0.1)
 
 
-@pytest.mark.filterwarnings("ignore:coupling")
+@pytest.mark.filterwarnings("ignore:coupling", "ignore:contacts of radius")
 @pytest.mark.parametrize("base", BASES)
 def test_spheres_in_equilibrium_on_a_layer(rng, base):
     cells = np.stack(np.meshgrid(np.arange(6), np.arange(6)), -1).reshape(-1, 2)

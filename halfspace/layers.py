@@ -13,9 +13,9 @@ Beyond a few thicknesses D cancels the 1/r: G dies away as `exp(-r/(l h))`, l <=
 being a bonded layer at nu = 1/2, where the surface rises around a load for want of room. `D(0)/h`
 acts under the force itself: a contact is stiffer on the layer than on the half-space. Contact laws
 hold the half-space's own compliance, so that `D(0)/(pi E' h)` is the diagonal of the influence
-matrix here. It is the leading term for contacts small against the thickness; coupling of finite size
-has the next, `D + (a_j^2 + a_k^2)/(10 h^2) L` in the energy of two Hertz contacts, or of one with
-itself, with the Laplacian L of D.
+matrix here. It is the leading term for contacts small against the thickness; coupling of finite
+size has the next, `D + (a_j^2 + a_k^2)/(10 h^2) L` in the energy of two Hertz contacts, or of one
+with itself, with the Laplacian L of D.
 
 Sources: the symbols follow from plane strain (K. L. Johnson, Contact Mechanics, 1985, section 5.8);
 the expansion in contact size from P. D. Garcia & R. Garcia, Biophys. J. 114, 2923, 2018.

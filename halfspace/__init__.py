@@ -17,18 +17,25 @@ from typing import Any
 
 from .choice import Choice
 from .ground import HalfSpace
+from .layers import Layer
 from .pictures import draw_dents
 from .plan import Plan
 from .press import Pressed, press
 from .solve import Equilibrium, NotConverged, solve
+from .tangential import VectorHalfSpace, VectorPlan
+from .viscoelastic import Viscoelastic
 
 __all__ = [
     "Choice",
     "Equilibrium",
     "HalfSpace",
+    "Layer",
     "NotConverged",
     "Plan",
     "Pressed",
+    "VectorHalfSpace",
+    "VectorPlan",
+    "Viscoelastic",
     "draw_dents",
     "press",
     "reference",

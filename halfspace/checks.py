@@ -54,7 +54,7 @@ def vectors(name: str, value: ArrayLike) -> Array:
         return np.empty((0, 2))
     if array.ndim != 2 or array.shape[1] != 2:
         raise ValueError(f"{name} has shape {array.shape}: must be (n, 2), positions in the plane")
-    return _finite(name, array)
+    return finite(name, array)
 
 
 def scalars(name: str, value: ArrayLike, count: int) -> Array:
@@ -62,7 +62,7 @@ def scalars(name: str, value: ArrayLike, count: int) -> Array:
     array = _floats(name, value)
     if array.shape != (count,):
         raise ValueError(f"{name} has shape {array.shape}: must be ({count},), one per contact")
-    return _finite(name, array)
+    return finite(name, array)
 
 
 def positive(name: str, value: ArrayLike, unit: str, count: int) -> Array:
@@ -87,7 +87,7 @@ def _floats(name: str, value: ArrayLike) -> Array:
         raise ValueError(f"{name} = {value!r}: must be an array of numbers") from None
 
 
-def _finite(name: str, array: Array) -> Array:
+def finite(name: str, array: Array) -> Array:
     refuse(name, array, ~np.isfinite(array), "must be finite")
     return array
 

@@ -31,7 +31,7 @@ CONTACT, PAIR = 3e-8, 1.2e-9  # per contact, per pair; in an application
 RENEWED_CONTACT, RENEWED_PAIR = 2.5e-7, 1e-8
 SLOPE_CONTACT, SLOPE_PAIR = 1e-7, 6e-9  # besides the application
 TRANSFORM = 4.2e-10  # per cell of the torus and doubling of their number
-KEPT_ENTRY, MADE_ENTRY = 3e-10, 6e-9  # of the dense matrix
+KEPT_ENTRY, MADE_ENTRY, LAYER_ENTRY = 3e-10, 6e-9, 6e-8  # of the dense matrix
 MODE = 1.5e-9  # per contact and wave of a periodic direct sum
 
 
@@ -79,24 +79,27 @@ def choose(
     period: tuple[float, float] | None,
     method: str | None = None,
     reach: float = 0.0,
+    thickness: float | None = None,
 ) -> Choice:
     """The cheapest way to sum over the contacts `x` (n, 2); `method` insists on one.
 
-    reach, m: pairs no further apart are summed elsewhere, which a mesh can allow within its cutoff.
+    reach, m: pairs no further apart are summed elsewhere, which a mesh can allow within its cutoff;
+    thickness: of a layer, m, which is the most that the cutoff may be.
     """
     n = len(x)
-    direct, direct_step = _direct(n, tolerance, period)
+    direct, direct_step = _direct(n, tolerance, period, thickness)
     if method == "direct":
         return replace(direct, reason="it was asked for")
     if n == 0:
         return replace(direct, reason="there is nothing to sum")
     if method is None and direct_step <= RENEWAL_CALLS + APPLICATIONS * CALLS:
         return replace(direct, reason="so few are summed sooner than a grid is filled")
-    if method is None and tolerance < FINEST:
+    asked = tolerance * _sharpening(x, tolerance, period, thickness)
+    if method is None and asked < FINEST:
         return replace(direct, reason=f"the mesh reaches no tolerance below {FINEST:.1g}")
-    tried = _meshes(x, tolerance, period, reach)
+    tried = _meshes(x, asked, period, reach, thickness)
     if not tried:
-        return replace(direct, reason="contacts are wider than a periodic grid can allow")
+        return replace(direct, reason="contacts are wider than a grid here can allow")
     fitting = [pair for pair in tried if pair[0].memory <= MEMORY]
     if not fitting and method == "mesh":
         least = min(mesh.memory for mesh, _ in tried) / 1e9
@@ -123,34 +126,40 @@ def _words(mesh: Choice) -> str:
     return f"grid spacing {mesh.grid.spacing[0]:.3g} m, {mesh.memory / 1e6:.3g} MB"
 
 
-def _direct(n: int, tolerance: float, period: tuple[float, float] | None) -> tuple[Choice, float]:
+def _direct(
+    n: int,
+    tolerance: float,
+    period: tuple[float, float] | None,
+    thickness: float | None,
+) -> tuple[Choice, float]:
     """The direct sum, and its time per step."""
     kept = n * n <= KEEP
-    time = n * n * (KEPT_ENTRY if kept else MADE_ENTRY)
+    made = MADE_ENTRY + (0.0 if thickness is None else LAYER_ENTRY)
+    time = n * n * (KEPT_ENTRY if kept else made)
     memory = 8.0 * (n * n if kept else KEEP)
     if period is not None:
         modes = WAVES * max(period) / min(period)
         time += n * modes * MODE
         memory += 16 * n * modes
-    making = n * n * MADE_ENTRY if kept else 0.0
+    making = n * n * made if kept else 0.0
     return Choice("direct", n, tolerance, time, memory, ""), making + APPLICATIONS * time
 
 
 def _meshes(
-    x: Array, tolerance: float, period: tuple[float, float] | None, reach: float
+    x: Array,
+    tolerance: float,
+    period: tuple[float, float] | None,
+    reach: float,
+    thickness: float | None,
 ) -> list[tuple[Choice, float]]:
     """Grids around a first guess, finer and coarser while that promises anything."""
     setting, n = accuracy(tolerance), len(x)
     low, high = x.min(axis=0), x.max(axis=0)
-    size = np.sort(high - low if period is None else np.asarray(period))
-    longest = float(size[1]) or 1.0
-    # Not a simple fraction of a lattice: all contacts would sit alike in their cells.
-    guess = 0.53 * float(np.sqrt(longest * max(size[0], longest / n) / n))
-    guess = max(guess, (1 + 1e-9) * reach / setting.cutoff)
-    coarsest = np.inf
+    guess = max(_first_guess(x, period), (1 + 1e-9) * reach / setting.cutoff)
+    coarsest = np.inf if thickness is None else thickness / setting.cutoff
     if period is not None:
-        coarsest = float(size[0]) / fewest_points(setting)
-        guess = min(guess, coarsest)
+        coarsest = min(coarsest, min(period) / fewest_points(setting))
+    guess = min(guess, coarsest)
 
     def mesh(spacing: float) -> tuple[Choice, float]:
         if period is None:
@@ -170,6 +179,24 @@ def _meshes(
             if dear or crowded or _grid_bytes(choice.grid) > MEMORY:
                 break
     return [pair for pair in found if pair[0].grid is not None and pair[0].grid.cutoff >= reach]
+
+
+def _first_guess(x: Array, period: tuple[float, float] | None) -> float:
+    """About the grid spacing that pays."""
+    size = np.sort(np.ptp(x, axis=0) if period is None else np.asarray(period))
+    longest = float(size[1]) or 1.0
+    # Not a simple fraction of a lattice: all contacts would sit alike in their cells.
+    return 0.53 * float(np.sqrt(longest * max(size[0], longest / len(x)) / len(x)))
+
+
+def _sharpening(
+    x: Array, tolerance: float, period: tuple[float, float] | None, thickness: float | None
+) -> float:
+    """How much finer a setting a layer needs: errors grow as cells get small against spacings."""
+    if thickness is None or tolerance < FINEST:
+        return 1.0
+    coarsest = thickness / accuracy(tolerance).cutoff
+    return min(1.0, coarsest / _first_guess(x, period))
 
 
 def fewest_points(setting: Accuracy) -> int:

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from .checks import Array
+from .layer_kernel import LayerKernel
 from .splitting import Split
 from .window import Window
 
@@ -102,23 +103,24 @@ class Grid:
     accuracy: Accuracy = field(repr=False)
     period: tuple[float, float] | None = None
 
-    def influence(self) -> Array:
+    def influence(self, layer: LayerKernel | None = None) -> Array:
         """What a force on the grid does to its points: its transform.
 
         (rows, columns/2 + 1) of the torus, real, in units where a force f acts by f/r. The windows
-        at both ends are divided out.
+        at both ends are divided out. layer: what is added to 1/r; the grid holds it where it is at
+        least as thick as the cutoff, for its spectrum falls by `exp(-2 q h)`.
         """
-        return self._influence(self.accuracy.split)
+        return self._influence(self.accuracy.split, layer)
 
-    def curved_influence(self) -> Array:
+    def curved_influence(self, layer: LayerKernel | None = None) -> Array:
         """As `influence`, for the Laplacian: what acts by `1/r^3`."""
-        symbol = self._influence(self.accuracy.curved)
+        symbol = self._influence(self.accuracy.curved, layer)
         k = [2 * np.pi * np.arange(m) / m for m in (self.torus[0], self.torus[1])]
         k[0] = np.minimum(k[0], 2 * np.pi - k[0])
         rows, columns = (k[axis] / self.spacing[axis] for axis in (0, 1))
         return -symbol * (rows[:, None] ** 2 + columns[: symbol.shape[1]] ** 2)
 
-    def _influence(self, split: Split) -> Array:
+    def _influence(self, split: Split, layer: LayerKernel | None) -> Array:
         from scipy.fft import dctn
 
         window = self.accuracy.window
@@ -126,11 +128,15 @@ class Grid:
         if self.period is None:
             d = [self.spacing[0] * _round(m, ROUND * self.accuracy.cutoff) for m in self.torus]
             r = np.hypot(d[0][:, None], d[1])
-            symbol = dctn(split.smooth(r / self.cutoff) / self.cutoff, type=1)
+            kernel = split.smooth(r / self.cutoff) / self.cutoff
+            symbol = dctn(kernel if layer is None else kernel + layer.smooth(r), type=1)
         else:
             q = [k / h for k, h in zip(waves, self.spacing, strict=True)]
-            x = self.cutoff * np.hypot(q[0][:, None], q[1])
-            symbol = split.spectrum(x) * self.cutoff / (self.spacing[0] * self.spacing[1])
+            wave = np.hypot(q[0][:, None], q[1])
+            symbol = split.spectrum(self.cutoff * wave) * self.cutoff
+            if layer is not None:
+                symbol += layer.spectrum(wave)
+            symbol /= self.spacing[0] * self.spacing[1]
         for axis, k in enumerate(waves):
             symbol /= np.expand_dims(window.transform(k) ** 2, 1 - axis)
         return np.concatenate([symbol, symbol[-2:0:-1]])

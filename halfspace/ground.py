@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from types import NoneType
 
 from numpy.typing import ArrayLike
 
 from . import checks, direct, fields, greens
 from .checks import Array
 from .choice import Choice, choose
+from .layer_kernel import LayerKernel
+from .layer_sums import Pairs, correction_of
+from .layers import Layer
 from .periodic import PeriodicSum
 from .plan import Plan
 
@@ -30,9 +33,10 @@ class HalfSpace:
     sums, of `f_rms/(pi E' s)` with the spacing `s = sqrt(area/n)` of the contacts where they are
     densest (direct sums are exact to rounding); coupling: "finite" or "point"; period:
     (Lx, Ly), m, the sides of a cell that repeats itself along x and y, or None (the mean depression
-    of a periodic half-space is zero, and a contact feels its own images: `periodic`); layer:
-    None; workers: threads of Fourier transforms, as in `scipy.fft`. Raises ValueError for arguments
-    without sense, NotImplementedError for a layer that there is not.
+    of a periodic half-space is zero, and a contact feels its own images: `periodic`); layer: a
+    `Layer` of finite thickness on a rigid base, or None (a contact then feels the base by its own
+    force too, and the mean depression of a periodic layer is what it is: `layers`); workers:
+    threads of Fourier transforms, as in `scipy.fft`. Raises ValueError for arguments without sense.
     """
 
     youngs_modulus: float
@@ -40,7 +44,7 @@ class HalfSpace:
     tolerance: float = 1e-4
     coupling: str = "finite"
     period: tuple[float, float] | None = None
-    layer: Any = None
+    layer: Layer | None = None
     workers: int | None = None
 
     def __post_init__(self) -> None:
@@ -62,10 +66,8 @@ class HalfSpace:
         checks.one_of("coupling", self.coupling, ("finite", "point"))
         if self.period is not None:
             object.__setattr__(self, "period", checks.sides("period", self.period))
-        if self.layer is not None:
-            raise NotImplementedError(
-                f"layer = {self.layer!r}: available is None, a half-space of one material"
-            )
+        if not isinstance(self.layer, (Layer, NoneType)):
+            raise ValueError(f"layer = {self.layer!r}: must be a halfspace.Layer or None")
         if self.workers is not None:
             checks.whole("workers", abs(self.workers))
             if self.workers == 0:
@@ -88,12 +90,13 @@ class HalfSpace:
         """
         checks.one_of("method", method, (None, "direct", "mesh"))
         arguments = self.modulus, self.tolerance, self.period, self.workers, method
-        return Plan(x, radius, *arguments, self.coupling)
+        return Plan(x, radius, *arguments, self.coupling, self._kernel)
 
     def explain(self, x: ArrayLike, method: str | None = None) -> Choice:
         """How `plan` would sum over the contacts `x` (n, 2), and why: print it."""
         checks.one_of("method", method, (None, "direct", "mesh"))
-        return choose(checks.vectors("x", x), self.tolerance, self.period, method)
+        thickness = None if self.layer is None else self.layer.thickness
+        return choose(checks.vectors("x", x), self.tolerance, self.period, method, 0.0, thickness)
 
     def displacement(
         self, x: ArrayLike, f: ArrayLike, radius: ArrayLike | None = None
@@ -136,15 +139,20 @@ class HalfSpace:
         x, points = checks.vectors("x", x), checks.vectors("points", points)
         f = checks.scalars("f", f, len(x))
         a = None if radius is None else checks.radii("radius", radius, len(x))
-        return fields.surface(x, f, points, self.modulus, a, self.period)
+        w = fields.surface(x, f, points, self.modulus, a, self.period)
+        moment = None if a is None else f * a**2 / 10
+        return w if self._kernel is None else w + self._extra(x).at(points, f, moment)
 
     def field_slope(
         self, x: ArrayLike, f: ArrayLike, points: ArrayLike, radius: ArrayLike | None = None
     ) -> Array:
         """Slope (m, 2) of the surface at any `points` (m, 2): the gradient of -1 times `field`.
 
-        It points uphill; where a point force acts it is that of all others.
+        It points uphill; where a point force acts it is that of all others. Raises
+        NotImplementedError for a layer.
         """
+        if self._kernel is not None:
+            raise NotImplementedError(f"layer = {self.layer!r}: slopes of its field are not there")
         x, points = checks.vectors("x", x), checks.vectors("points", points)
         f = checks.scalars("f", f, len(x))
         a = None if radius is None else checks.radii("radius", radius, len(x))
@@ -164,9 +172,21 @@ class HalfSpace:
     def matrix(self, x: ArrayLike) -> Array:
         """The dense influence matrix (n, n), m/N, of points, with `w = C f`; symmetric.
 
-        Its diagonal is zero, or in a periodic half-space what a contact's own images do to it.
+        Its diagonal is zero, or in a periodic half-space what a contact's own images do to it, and
+        on a layer what its base does.
         """
         x = checks.vectors("x", x)
         if self.period is None:
-            return direct.DirectSum(x, self.modulus).matrix()
-        return PeriodicSum(x, self.modulus, self.period).matrix()
+            c = direct.DirectSum(x, self.modulus).matrix()
+        else:
+            c = PeriodicSum(x, self.modulus, self.period).matrix()
+        return c if self._kernel is None else c + self._extra(x).matrix()
+
+    @property
+    def _kernel(self) -> LayerKernel | None:
+        return None if self.layer is None else LayerKernel(self.layer, self.poissons_ratio)
+
+    def _extra(self, x: Array) -> Pairs:
+        """What the layer adds to the sums."""
+        assert self._kernel is not None
+        return correction_of(x, self.modulus, self._kernel, self.period)

@@ -21,6 +21,7 @@ from . import mesh_pairs, mesh_sizes
 from .checks import Array
 from .finite import Close
 from .grid import Grid
+from .layer_kernel import LayerKernel
 
 SPARE = 1.1  # room for pairs, over what is needed: refreshed plans need a little more or less
 CROWDED = 3.0  # growth of that room at which a grid no longer suits
@@ -31,8 +32,9 @@ class MeshSum:
 
     x: (n, 2) positions, m; modulus: the plane-strain modulus `E'`, Pa; grid: one that they are on;
     reach, m: pairs no further apart are left out, at most the cutoff; workers: threads of the
-    transforms, as in `scipy.fft` (the compiled loops use `HALFSPACE_THREADS`). Raises ValueError
-    for contacts that are not on the grid.
+    transforms, as in `scipy.fft` (the compiled loops use `HALFSPACE_THREADS`); layer: what one adds
+    to 1/r, on the grid and under each contact itself. Raises ValueError for contacts that are not
+    on the grid.
     """
 
     def __init__(
@@ -42,9 +44,10 @@ class MeshSum:
         grid: Grid,
         reach: float = 0.0,
         workers: int | None = None,
+        layer: LayerKernel | None = None,
     ) -> None:
         self.modulus, self.workers = modulus, workers
-        self.grid = grid
+        self.grid, self._layer = grid, layer
         self._value, self._index = np.empty(0), np.empty(0, np.int32)
         self._curved, self._bent = np.empty(0), None
         self._prepare(grid)
@@ -61,7 +64,7 @@ class MeshSum:
         self._derivatives = np.ascontiguousarray(window.polynomials[:-1] * powers[:, None])
         self._short = split.polynomial
         self._own = split.origin / grid.cutoff
-        self._influence = grid.influence()
+        self._influence = grid.influence(self._layer)
         rows, columns = grid.points
         # As high as the cutoff, in whole rows: two contacts that near begin at most so many apart.
         self._bands = max(rows // int(np.ceil(grid.cutoff / grid.spacing[0])), 1)
@@ -221,7 +224,7 @@ class MeshSum:
             split = grid.accuracy.curved
             self._bend = split.laplacian
             self._own_curved = split.bend / grid.cutoff**3
-            self._bent = grid.curved_influence()
+            self._bent = grid.curved_influence(self._layer)
         if not self._curved_known:
             if len(self._curved) != len(self._value):
                 self._curved = np.empty(len(self._value))

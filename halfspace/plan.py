@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,8 +15,12 @@ from .choice import Choice, choose
 from .direct import DirectSum
 from .finite import Close
 
+if TYPE_CHECKING:
+    from .layer_kernel import LayerKernel
+
 SIMILAR = 1.25  # ratio of numbers of contacts up to which a choice is not thought over
 FAR = 6.0  # contact radii from which on contacts may pass for points
+WIDE = {"finite": 0.4, "point": 0.2}  # a/h from which on forces on a layer err by a percent
 
 
 class Sum(Protocol):
@@ -51,10 +55,12 @@ class Plan:
         workers: int | None = None,
         method: str | None = None,
         coupling: str = "finite",
+        layer: LayerKernel | None = None,
     ) -> None:
+        self._layer = layer
         self._modulus, self._tolerance, self._period = modulus, tolerance, period
         self._workers, self._method = workers, method
-        self.coupling, self._warned = coupling, False
+        self.coupling, self._warned, self._warned_of_layer = coupling, False, False
         self._reach = 0.0
         self._check(x, radius)
         self._begin()
@@ -124,8 +130,19 @@ class Plan:
             self._close = self._sum.close()
 
     def warn_of_points(self, radius: Array) -> None:
-        """Warn, once, if contacts that count as points are too large or too close for that."""
+        """Warn, once, if contacts that count as points are too large or too close for that.
+
+        Or if contacts are too wide for a layer.
+        """
         widest = float(radius.max(initial=0.0))
+        thickness = np.inf if self._layer is None else self._layer.thickness
+        if widest > WIDE[self.coupling] * thickness and not self._warned_of_layer:
+            self._warned_of_layer = True
+            warnings.warn(
+                f"contacts of radius {widest:.3g} m are wide for a layer of {thickness:.3g} m: "
+                f"beyond {WIDE[self.coupling] * thickness:.3g} m forces err by a percent and more",
+                stacklevel=3,
+            )
         if self.coupling == "point" and not self._warned and self._sum.closest < FAR * widest:
             self._warned = True
             warnings.warn(
@@ -156,10 +173,16 @@ class Plan:
         self._radius = None if radius is None else checks.radii("radius", radius, len(self.x))
 
     def _begin(self) -> None:
+        thickness = None if self._layer is None else self._layer.thickness
         self.choice: Choice = choose(
-            self.x, self._tolerance, self._period, self._method, self._reach
+            self.x, self._tolerance, self._period, self._method, self._reach, thickness
         )
         self._sum = self._summing()
+        if self._layer is not None and self.choice.grid is None:
+            from .layer_sums import LayerSum, correction_of
+
+            extra = correction_of(self.x, self._modulus, self._layer, self._period)
+            self._sum = LayerSum(self._sum, extra)
         if self._reach:
             self._close = self._sum.close()
 
@@ -169,7 +192,7 @@ class Plan:
         if grid is not None:
             from .mesh import MeshSum
 
-            return MeshSum(self.x, self._modulus, grid, self._reach, self._workers)
+            return MeshSum(self.x, self._modulus, grid, self._reach, self._workers, self._layer)
         if period is not None:
             from .periodic import PeriodicSum
 

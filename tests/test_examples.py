@@ -15,6 +15,7 @@ from taichi_dem.output import read_history
 
 ROOT = Path(__file__).parents[1]
 SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
+STATIC = {"thin_layer.py"}  # no simulation in them
 SCENES = sorted((ROOT / "examples").glob("*.toml"))
 
 BEADS = """two beads of hydrogel
@@ -50,15 +51,19 @@ def short(script, folder):
         packing = folder.with_suffix(".data")
         packing.write_text(BEADS)
         return packing, "--out", folder, "--duration", 0.01
+    if script == "thin_layer.py":
+        return "-o", folder, "--points", 4
     pytest.fail(f"say how to run a short version of {script}")
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
 def test_script_runs(script, tmp_path):
     run(script, *short(script.name, tmp_path / "out"))
+    assert list((tmp_path / "out").glob("*.png"))
+    if script.name in STATIC:
+        return
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["outcome"] == "finished"
     assert len(read_history(tmp_path / "out")["time_s"]) > 1
-    assert list((tmp_path / "out").glob("*.png"))
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.name)

@@ -227,7 +227,7 @@ def test_field_of_hertz_pressures(ground):
         ({"period": 1.0}, ValueError, r"period = 1.0: must be \(Lx, Ly\), two lengths > 0 m"),
         ({"period": (1.0, 0.0)}, ValueError, r"period = \(1.0, 0.0\): must be \(Lx, Ly\)"),
         ({"workers": 0}, ValueError, r"workers = 0: must be None or a whole number, not 0"),
-        ({"layer": 0.01}, NotImplementedError, r"layer = 0.01: available is None"),
+        ({"layer": 0.01}, ValueError, r"layer = 0.01: must be a halfspace.Layer or None"),
     ],
 )
 def test_refused_half_spaces(arguments, error, words):

@@ -49,6 +49,7 @@ class Hertz:
             elastic=elastic,
             stiffness=stiffness,
             damping=damping,
+            area_stiffness=stiffness,
         )
 
     @staticmethod

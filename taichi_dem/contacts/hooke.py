@@ -45,6 +45,7 @@ class Hooke:
             elastic=elastic,
             stiffness=k.stiffness,
             damping=damping,
+            area_stiffness=k.stiffness,
         )
 
     @staticmethod

@@ -72,7 +72,9 @@ class EEPA:
         if not isinstance(self.limit_force, bool):
             wrong.append(Problem("limit_force", self.limit_force, "must be true or false"))
         elif self.limit_force and (self.surface_energy or self.pull_off_force):
-            rule = "must be false with adhesion (surface_energy or pull_off_force), whose pull it cuts"
+            rule = (
+                "must be false with adhesion (surface_energy or pull_off_force), whose pull it cuts"
+            )
             wrong.append(Problem("limit_force", self.limit_force, rule))
         return wrong
 
@@ -140,7 +142,9 @@ class EEPA:
         force = ti.min(load, ti.max(reload, -pull))
         loading = n * first * power(overlap, n - 1)
         yields = reload >= load
-        tangent = ti.select(yields, loading, ti.select(slides, -falling, k.stiffness_ratio * loading))
+        tangent = ti.select(
+            yields, loading, ti.select(slides, -falling, k.stiffness_ratio * loading)
+        )
 
         grows = overlap > history.last_overlap
         history.plastic_overlap = ti.select(slides & grows, raised + pull / second, plastic)

@@ -73,7 +73,9 @@ class Law:
     def _problems_together(self) -> Iterable[Problem]:
         """Adhesion energy is given once."""
         rows = {"rolling": self.rolling}
-        rows |= {f"pairs[{names!r}].rolling": laws.get("rolling") for names, laws in self.pairs.items()}
+        rows |= {
+            f"pairs[{names!r}].rolling": laws.get("rolling") for names, laws in self.pairs.items()
+        }
         for path, law in rows.items():
             if not isinstance(law, CDTJKR):
                 continue

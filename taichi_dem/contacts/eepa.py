@@ -1,19 +1,21 @@
 """Edinburgh elasto-plastic adhesion (EEPA).
 
-With d the overlap, n = d_ex its exponent, and P = d_p,max^n, the plastic overlap to that power:
+With d the overlap, n = d_ex its exponent, and Q = d_0^n, d_0 the overlap that is plastic:
 
     k_1 = 4/3 E* sqrt(R*)   (n = 1: 2 E* R*),   k_2 = kappa_21 k_1                          (1)
-    P = max over time of (1 - 1/kappa_21) d^n                                               (3)
-    F_el = min(k_1 d^n, max(k_2 (d^n - P), -k_c d^c))                                       (7)
+    Q = max over time of (1 - 1/kappa_21) d^n                                               (3)
+    F_el = min(k_1 d^n, max(k_2 (d^n - Q), -k_c d^c))                                       (7)
     F_n = F_el - gamma_n v_n + F_0                                                          (9)
 
-Pull, with the contact radius a of two spheres that overlap:
+Pull, with P = d_p,max^n, the largest Q, and a the contact radius of spheres that overlap by d_p,max:
 
     F_min = min(3/2 pi gamma_s a, k_2 P/2),   k_c = F_min / d_min^c                         (5, 6)
     d_min = d_p,max/2 where F_min is at its limit, else d_min^n = P - F_min/k_2
 
-The branch -k_c d^c does not reverse: when the overlap grows on it, the contact reloads along k_2
-from where it is, P <- d^n + (k_c/k_2) d^c.  All forces end at d = 0, so a contact ends there.
+The branch -k_c d^c does not reverse: along it Q falls, Q = d^n + (k_c/k_2) d^c, and when the
+overlap grows again, the contact reloads along k_2 from where it is, and P = Q from then on (from
+when the pull that goes with it allows the present force, so that the force stays continuous; only
+with c_ex < d_ex is that ever later).  All forces end at d = 0, so a contact ends there.
 
 Dashpot, with beta = -ln e / sqrt(ln^2 e + pi^2):
 
@@ -57,7 +59,7 @@ class EEPA:
     damping: str = "tangent"
     limit_force: bool = False
 
-    history = (("plastic_overlap", real), ("last_overlap", real))  # P = d_p,max^n, and d
+    history = (("plastic_overlap", real), ("deepest_plastic_overlap", real))  # Q and P
     coefficient_names = ("modulus", "stiffness_ratio", "damping", "surface_energy", "pull_off")
     options = ("overlap_exponent", "adhesion_exponent", "damping", "limit_force")
     adhesive = False  # what sticks lets go at zero overlap
@@ -106,49 +108,47 @@ class EEPA:
         return k.modulus * size
 
     @ti.func
-    def pull(self, contact, second, k, raised, plastic):
-        """k_c d^c and its slope, from k_2, d^n and P."""
+    def pull(self, contact, second, k, raised, deepest):
+        """k_c d^c, from k_2, d^n and P."""
         n, c = ti.static(self.overlap_exponent, self.adhesion_exponent)
-        overlap, radius = ti.max(contact.overlap, 0.0), contact.effective_radius
-        x, g = overlap / radius, overlap * contact.inverse_reach
-        shape = 4.0 - 2.0 * x + x * g
-        squared = radius * overlap * shape * (2.0 - g) / (4.0 * (1.0 - g) ** 2)
-        free = 1.5 * math.pi * k.surface_energy * ti.sqrt(ti.max(squared, 0.0))
-        most = 0.5 * second * plastic
+        plastic, radius = power(deepest, 1 / n), contact.effective_radius
+        x, g = plastic / radius, plastic * contact.inverse_reach
+        square = plastic * radius * (4.0 - 2.0 * x + x * g) * (2.0 - g)
+        a = 0.5 * ti.sqrt(ti.max(square, 0.0)) / (1.0 - g)
+        free, most = 1.5 * math.pi * k.surface_energy * a, 0.5 * second * deepest
         limited = free > most
         least = ti.select(limited, most, free)
-        turn = ti.select(limited, 0.5**n * plastic, plastic - least / second)  # d_min^n
+        turn = ti.select(limited, 0.5**n * deepest, deepest - least / second)  # d_min^n
         some = turn > 0.0
-        force = ti.select(some, least, 0.0) * power(raised / ti.select(some, turn, 1.0), c / n)
-
-        # d ln F / d ln d: of d^c, and of a, which moves d_min too while F_min is free
-        widening = 0.5 * (1.0 - 2.0 * x * (1.0 - g) / shape - g / (2.0 - g) + 2.0 * g / (1.0 - g))
-        moving = 1.0 + c / n * least / (second * ti.select(some, turn, 1.0))
-        rate = c + ti.select(limited, 0.0, widening * moving)
-        return force, rate * force / ti.select(overlap > 0.0, overlap, 1.0)
+        return ti.select(some, least, 0.0) * power(raised / ti.select(some, turn, 1.0), c / n)
 
     @ti.func
     def force(self, contact, k, history: ti.template()):
-        n = ti.static(self.overlap_exponent)
+        n, c = ti.static(self.overlap_exponent, self.adhesion_exponent)
         overlap = ti.max(contact.overlap, 0.0)
         raised = power(overlap, n)
         first = self.first_stiffness(contact, k)
         second = k.stiffness_ratio * first
-        plastic = ti.max(history.plastic_overlap, (1.0 - 1.0 / k.stiffness_ratio) * raised)
-        pull, falling = self.pull(contact, second, k, raised, plastic)
-
-        load, reload = first * raised, second * (raised - plastic)
-        slides = reload <= -pull
-        force = ti.min(load, ti.max(reload, -pull))
         loading = n * first * power(overlap, n - 1)
-        yields = reload >= load
-        tangent = ti.select(
-            yields, loading, ti.select(slides, -falling, k.stiffness_ratio * loading)
-        )
 
-        grows = overlap > history.last_overlap
-        history.plastic_overlap = ti.select(slides & grows, raised + pull / second, plastic)
-        history.last_overlap = overlap
+        yielded = (1.0 - 1.0 / k.stiffness_ratio) * raised
+        yields = yielded >= history.plastic_overlap
+        plastic = ti.max(yielded, history.plastic_overlap)
+        deepest = ti.max(yielded, history.deepest_plastic_overlap)
+        pull = self.pull(contact, second, k, raised, deepest)
+        stuck = raised + pull / second  # Q on the adhesive branch
+        slides, reloads = stuck < plastic, (plastic < deepest) & (stuck > plastic)
+        if ti.static(c < n):
+            again = self.pull(contact, second, k, raised, plastic)
+            reloads &= raised + again / second >= plastic
+        history.plastic_overlap = ti.select(slides, stuck, plastic)
+        history.deepest_plastic_overlap = ti.select(reloads, plastic, deepest)
+
+        force = ti.select(slides, -pull, second * (raised - plastic))
+        force = ti.select(yields, first * raised, force)
+        falling = c * pull / ti.select(overlap > 0.0, overlap, 1.0)
+        tangent = ti.select(slides, -falling, k.stiffness_ratio * loading)
+        tangent = ti.select(yields, loading, tangent)
 
         elastic = force + k.pull_off
         damping = k.damping * ti.sqrt(contact.effective_mass * loading)
@@ -170,17 +170,15 @@ class EEPA:
         """What the k_2 branch through the present force stores, from the plastic overlap where it
         has none, and the work of F_0:  k_2 [(d^(n+1) - p^(n+1))/(n + 1) - p^n (d - p)] + F_0 d.
 
-        The rest of the work is lost when P grows (yielding) and when it falls (sticking surfaces
-        part): never is any given back.
+        The rest of the work is lost where Q grows (yielding, d > d_0) and where it falls (sticking
+        surfaces part, d < d_0): none is ever given back.
         """
         n = ti.static(self.overlap_exponent)
         overlap = ti.max(contact.overlap, 0.0)
         raised = power(overlap, n)
         second = k.stiffness_ratio * self.first_stiffness(contact, k)
-        plastic = ti.max(history.plastic_overlap, (1.0 - 1.0 / k.stiffness_ratio) * raised)
-        pull, _ = self.pull(contact, second, k, raised, plastic)
-        plastic = ti.min(plastic, raised + pull / second)
-        free = plastic ** (1.0 / n)
+        plastic = history.plastic_overlap
+        free = power(plastic, 1 / n)
         stored = (raised * overlap - plastic * free) / (n + 1) - plastic * (overlap - free)
         return second * stored + k.pull_off * overlap
 

@@ -93,29 +93,36 @@ class EEPA(NamedTuple):
         return np.where(wall, np.sqrt(cap), np.sqrt(area) / (2 * distance))
 
     def adhesion(self, overlap, plastic):
-        """k_c d^c, eqs. (5) and (6); ``plastic`` is d_p,max."""
+        """k_c d^c, eqs. (5) and (6); ``plastic`` is d_p,max, which sets the contact radius too."""
         n, c = self.overlap_exponent, self.adhesion_exponent
         second = self.stiffness_ratio * self.first
-        pull = 1.5 * np.pi * self.surface_energy * self.chord(overlap)
+        pull = 1.5 * np.pi * self.surface_energy * self.chord(plastic)
         most = 0.5 * second * plastic**n
         free = (np.maximum(plastic**n - pull / second, 0)) ** (1 / n)
         at = np.where(pull > most, 0.5 * plastic, free)
         stuck = plastic > 0
         return np.where(stuck, np.minimum(pull, most) * (overlap / np.where(stuck, at, 1)) ** c, 0)
 
-    def step(self, overlap, plastic, before):
-        """F_el of eq. (7), and the new d_p,max; overlaps are positive."""
-        n, c = self.overlap_exponent, self.adhesion_exponent
+    def step(self, overlap, plastic, start):
+        """F_el of eq. (7), the new d_p,max, and where the k_2 line through the force starts.
+
+        A contact that has slid down the adhesive branch has ``start`` < ``plastic``; off the branch
+        again, its d_p,max is where the line starts, if with it the line is above the branch.
+        """
+        n = self.overlap_exponent
         first, second = self.first, self.stiffness_ratio * self.first
-        plastic = np.maximum(plastic, (1 - first / second) ** (1 / n) * overlap)
-        trial = second * (overlap**n - plastic**n)
-        pull = self.adhesion(overlap, plastic)
-        on_load, on_adhesion = trial >= first * overlap**n, trial <= -pull
-        force = np.where(on_load, first * overlap**n, np.where(on_adhesion, -pull, trial))
-        stiffness = pull / overlap**c  # k_c
-        reloads = on_adhesion & (overlap > before)
-        again = (overlap**n + stiffness / second * overlap**c) ** (1 / n)
-        return force, np.where(reloads, again, plastic)
+        least = (1 - first / second) ** (1 / n) * overlap
+        loads = least >= start
+        plastic, start = np.maximum(plastic, least), np.maximum(start, least)
+        line, branch = second * (overlap**n - start**n), -self.adhesion(overlap, plastic)
+        slides = line < branch
+        down = (overlap**n - branch / second) ** (1 / n)
+        force = np.where(loads, first * overlap**n, np.where(slides, branch, line))
+        fits = line >= -self.adhesion(overlap, start)
+        if self.adhesion_exponent >= n:
+            fits = np.full_like(fits, True)
+        reloads = (start < plastic) & (line > branch) & fits
+        return force, np.where(reloads, start, plastic), np.where(slides, down, start)
 
     def drag(self, overlap):
         """gamma_n, eq. (8)."""
@@ -127,13 +134,13 @@ class EEPA(NamedTuple):
     def path(self, overlaps, velocities):
         """F_el and F_n along paths (steps, n) of overlap and v_n, from first touch; a contact that
         opens forgets."""
-        plastic, before = np.zeros(overlaps.shape[1]), np.zeros(overlaps.shape[1])
+        plastic, start = np.zeros(overlaps.shape[1]), np.zeros(overlaps.shape[1])
         elastic, total = np.zeros_like(overlaps), np.zeros_like(overlaps)
         for k, (overlap, velocity) in enumerate(zip(overlaps, velocities, strict=True)):
             touching = overlap > 0
             depth = np.where(touching, overlap, self.radius_i)
-            force, after = self.step(depth, plastic, before)
-            plastic, before = touching * after, touching * overlap
+            force, plastic, start = self.step(depth, plastic, start)
+            plastic, start = touching * plastic, touching * start
             whole = force + self.pull_off - self.drag(depth) * velocity
             if self.limit_force:
                 whole = np.maximum(whole, 0)

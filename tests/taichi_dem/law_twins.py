@@ -89,7 +89,7 @@ class EEPA(NamedTuple):
         r_i, r_j = self.radius_i, np.where(wall, self.radius_i, self.radius_j)
         distance = r_i + r_j - overlap
         area = (r_i + r_j + distance) * overlap * (distance + r_i - r_j) * (distance + r_j - r_i)
-        cap = overlap * (2 * r_i - overlap)
+        cap = np.maximum(overlap * (2 * r_i - overlap), 0)
         return np.where(wall, np.sqrt(cap), np.sqrt(area) / (2 * distance))
 
     def adhesion(self, overlap, plastic):

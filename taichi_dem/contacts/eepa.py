@@ -7,7 +7,7 @@ With d the overlap, n = d_ex its exponent, and Q = d_0^n, d_0 the overlap that i
     F_el = min(k_1 d^n, max(k_2 (d^n - Q), -k_c d^c))                                       (7)
     F_n = F_el - gamma_n v_n + F_0                                                          (9)
 
-Pull, with P = d_p,max^n, the largest Q, and a the contact radius of spheres that overlap by d_p,max:
+Pull, with P = d_p,max^n, the largest Q, and a the contact radius at that overlap, d_p,max:
 
     F_min = min(3/2 pi gamma_s a, k_2 P/2),   k_c = F_min / d_min^c                         (5, 6)
     d_min = d_p,max/2 where F_min is at its limit, else d_min^n = P - F_min/k_2

@@ -51,11 +51,12 @@ def stop(contact, limit, torsion_torque: ti.template()):
     """The torque on i of Coulomb's rule."""
     spin = opposed_spin(contact, torsion_torque)
     square = spin.dot(spin)
-    turns = square > 0.0
+    turns = square > 0.0  # or it is so slow that its square is lost, and stops
     rate = limit / ti.sqrt(ti.select(turns, square, 1.0))
     moves = contact.time_step > 0.0
     halt = contact.rolling_inertia / ti.select(moves, contact.time_step, 1.0)
-    return ti.select(turns & moves, -ti.min(rate, halt), 0.0) * spin
+    share = ti.min(ti.select(turns, rate, halt), halt)
+    return ti.select(moves & (limit > 0.0), -share, 0.0) * spin
 
 
 @ti.func

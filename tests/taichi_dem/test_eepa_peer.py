@@ -110,6 +110,7 @@ def twin(case):
             elastic, plastic, start = law.step(overlap, plastic, start)
             drag = law.drag(overlap) * (velocity[1] - velocity[0])
             force = (elastic + law.pull_off - drag)[0]
+            force = max(force, 0.0) if law.limit_force else force
         else:
             plastic = start = one(0)
         velocity = velocity + dt / 2 * force * share

@@ -90,7 +90,7 @@ class EEPA(NamedTuple):
         distance = r_i + r_j - overlap
         area = (r_i + r_j + distance) * overlap * (distance + r_i - r_j) * (distance + r_j - r_i)
         cap = np.maximum(overlap * (2 * r_i - overlap), 0)
-        return np.where(wall, np.sqrt(cap), np.sqrt(area) / (2 * distance))
+        return np.where(wall, np.sqrt(cap), np.sqrt(np.maximum(area, 0)) / (2 * distance))
 
     def adhesion(self, overlap, plastic):
         """k_c d^c, eqs. (5) and (6); ``plastic`` is d_p,max, which sets the contact radius too."""

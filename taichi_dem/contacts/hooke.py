@@ -24,9 +24,15 @@ class Hooke:
 
     history = ()
     coefficient_names = ("stiffness", "damping")
+    adhesive = False
 
     def __post_init__(self) -> None:
         validate(self)
+
+    @property
+    def dissipates(self) -> bool:
+        """Whether a closed cycle of loading can lose energy."""
+        return self.restitution < 1
 
     def coefficients(self, a: Material, b: Material) -> dict[str, float]:
         """k_n (N/m) and 2 beta (-); the same for every pair unless ``pairs`` says otherwise."""

@@ -72,31 +72,38 @@ class Paths:
         body: ti.types.ndarray(dtype=real, ndim=2),
         speed: ti.types.ndarray(dtype=real, ndim=2),
         dt: ti.types.ndarray(dtype=real, ndim=1),
+        limit: ti.i32,
     ):
         for c in range(self.n):
             history, overlap, velocity, force = self.History(), 0.0, -speed[c, 0], 0.0
-            going = 1
-            while going == 1:
+            step, together = 0, 1
+            while step < limit and together == 1:
                 velocity += 0.5 * dt[c] * force / body[c, 1]
                 overlap -= dt[c] * velocity
                 contact = at_rest(overlap, body[c, 0], body[c, 1])
                 contact.normal_velocity = velocity
                 contact.inverse_reach = body[c, 2]
                 force = 0.0
-                if overlap > 0.0:
+                held = ti.cast(overlap > 0.0, ti.i32)
+                if ti.static(self.adhesive):
+                    held |= self.law.holds(contact, self.k[c], history)
+                if held == 1:
                     force = self.law.force(contact, self.k[c], history).total
                 else:
-                    going = 0
+                    together = 0
                 velocity += 0.5 * dt[c] * force / body[c, 1]
-            speed[c, 1] = velocity
+                step += 1
+            speed[c, 1] = velocity if together == 0 else ti.math.nan
 
-    def collide(self, radius, mass, speed, dt, inverse_reach=0.0):
+    def collide(self, radius, mass, speed, dt, inverse_reach=0.0, limit=10_000):
         """The rebound speed of spheres that meet at ``speed``, by velocity Verlet whose dashpots
-        see the velocity of the half step; never to be asked where they would stick."""
+        see the velocity of the half step; not a number where they are together after ``limit``
+        steps."""
         body = np.stack([np.broadcast_to(v, self.n) for v in (radius, mass, inverse_reach)], -1)
         speeds = np.zeros((self.n, 2))
         speeds[:, 0] = speed
-        self._collide(np.ascontiguousarray(body), speeds, np.array(np.broadcast_to(dt, self.n)))
+        times = np.array(np.broadcast_to(dt, self.n), dtype=float)
+        self._collide(np.ascontiguousarray(body), speeds, times, limit)
         return speeds[:, 1]
 
 

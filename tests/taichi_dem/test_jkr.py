@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from law_paths import Paths
 from law_twins import JKR
 from setups import GLASS, order_of
@@ -160,3 +162,70 @@ def test_bad_numbers_are_refused():
         dem.JKR(-1.0, 0.5)
     with pytest.raises(dem.InputError, match="restitution = 0"):
         dem.JKR(0.05, 0)
+
+
+def contact_radius(twin, overlap):
+    """a by bisection of the curve d(a) on its stable branch."""
+    low = twin.least
+    high = 8 * low + 4 * np.sqrt(twin.radius * np.maximum(overlap, 0))
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        below = twin.overlap(middle) < overlap
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return 0.5 * (low + high)
+
+
+@settings(deadline=None, derandomize=True, database=None, max_examples=5)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_random_paths_make_hold_and_open_contacts(bench, twin, seed):
+    """Wandering overlaps around zero: whether there is a contact is a matter of the path, what it
+    carries of the overlap alone."""
+    rng = np.random.default_rng(seed)
+    paths = rng.uniform(-1.5, 1, (20, N)) * 3 * twin.least**2 / twin.radius
+    found = bench.run(paths, twin.radius)
+    touching = np.zeros(N, dtype=bool)
+    last = -3 * twin.least**2 / twin.radius
+    for overlap, seen, force in zip(paths, found["touching"], found["elastic"], strict=True):
+        touching = (overlap > 0) | (touching & (overlap > last))
+        assert np.array_equal(touching, seen)
+        far = touching & (overlap > 0.999 * last)  # where rounding is not magnified
+        expected = twin.force(contact_radius(twin, overlap))
+        most = 1.5 * np.pi * twin.work * twin.radius
+        assert np.all(np.abs(force - expected)[far] <= 1e-11 * most[far])
+        assert not force[~touching].any()
+
+
+def test_units_do_not_matter(bench, twin):
+    """The same contacts in other units of mass, length and time (of m, J/m2 and Pa)."""
+    m, x, t = 2.0**7, 2.0**-12, 2.0**5
+    overlap = twin.overlap(2 * twin.least)
+    before = pulled(bench, twin, overlap)["elastic"]
+    other = JKR(twin.work * m / t**2, twin.modulus * m / (x * t**2), twin.radius * x)
+    root = (np.pi * other.work / (8 * other.modulus)) ** (1 / 6)
+    changed = Paths(dem.JKR, N)
+    changed.fill(effective_modulus=other.modulus, damping=0.0, root_radius=root)
+    after = pulled(changed, other, overlap * x)["elastic"]
+    most = 1.5 * np.pi * twin.work * twin.radius
+    assert np.all(np.abs(after * t**2 / (m * x) - before) <= 1e-13 * most)
+
+
+def test_a_sticky_sphere_is_caught_below_a_speed_and_rebounds_above():
+    """e = 1: between touch and parting the energy of the contact rises by the two jumps, (0.9 4^(4/3)
+    + 0.6) (16/3) E* a_m^5/R*^2, and m v^2/2 falls by as much, or has not as much to give."""
+    rng = np.random.default_rng(7)
+    radius, modulus = log_uniform(rng, 1e-6, 1, 200), log_uniform(rng, 1e4, 1e10, 200)
+    least = radius * log_uniform(rng, 1e-4, 1e-2, 200)
+    scale = 16 / 3 * modulus / radius**2 * least**5
+    lost = (0.6 + 0.9 * 4 ** (4 / 3)) * scale
+    mass = 1e4 * radius**3
+    share = rng.choice([0.5, 0.9, 1.1, 2.0, 10.0], 200)
+    speed = np.sqrt(2 * share * lost / mass)
+    period = np.pi * np.sqrt(mass / (20 * modulus * least))
+    bench = Paths(dem.JKR, 200)
+    root = np.sqrt(least) / np.cbrt(radius)
+    bench.fill(effective_modulus=modulus, damping=0.0, root_radius=root)
+    rebounds = bench.collide(radius, mass, speed, period / 400, limit=4000)
+    caught = share < 1
+    assert np.all(np.isnan(rebounds[caught])) and np.all(rebounds[~caught] > 0)
+    expected = np.sqrt(1 - 1 / share[~caught]) * speed[~caught]
+    assert np.allclose(rebounds[~caught], expected, rtol=0.03)

@@ -85,6 +85,12 @@ class EEPA:
         """Whether a closed cycle of loading can lose energy."""
         return self.restitution < 1 or self.stiffness_ratio > 1
 
+    @property
+    def plastic(self) -> bool:
+        """Whether the elastic force takes energy that it does not give back; it is lost, its work
+        less the change of ``energy`` (which is 0 apart), from touch to parting."""
+        return self.stiffness_ratio > 1
+
     def coefficients(self, a: Material, b: Material) -> dict[str, float]:
         """k_1 / sqrt(R*) (n = 1: / R*) in Pa, kappa_21, gamma_n / sqrt(m* k), gamma_s and F_0."""
         modulus = effective_youngs_modulus(a, b)

@@ -27,7 +27,7 @@ class Hertz:
 
     history = ()
     coefficient_names = ("effective_modulus", "damping")
-    adhesive = False
+    adhesive = plastic = False
 
     def __post_init__(self) -> None:
         validate(self)

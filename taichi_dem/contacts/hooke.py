@@ -24,7 +24,7 @@ class Hooke:
 
     history = ()
     coefficient_names = ("stiffness", "damping")
-    adhesive = False
+    adhesive = plastic = False
 
     def __post_init__(self) -> None:
         validate(self)

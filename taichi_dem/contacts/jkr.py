@@ -50,6 +50,12 @@ class JKR:
         """Whether a closed cycle of loading can lose energy."""
         return self.restitution < 1 or self.work_of_adhesion > 0
 
+    @property
+    def plastic(self) -> bool:
+        """Whether the elastic force takes energy that it does not give back; it is lost, its work
+        less the change of ``energy`` (which is 0 apart), from touch to parting."""
+        return self.work_of_adhesion > 0
+
     def coefficients(self, a: Material, b: Material) -> dict[str, float]:
         """E* (Pa), 2 sqrt(5/6) beta (-) and t_m / R*^(1/3) = (pi W/(8 E*))^(1/6) (m^(1/6))."""
         modulus = effective_youngs_modulus(a, b)

@@ -403,3 +403,9 @@ def test_step_stiffness_is_that_of_unloading(benches):
 def test_bad_numbers_are_refused(numbers, message):
     with pytest.raises(dem.InputError, match=message):
         dem.EEPA(**{"restitution": 0.5, "stiffness_ratio": 2.0} | numbers)
+
+
+def test_what_the_law_says_of_itself():
+    elastic, plastic = dem.EEPA(1.0, 1.0), dem.EEPA(1.0, 2.0)
+    assert not (elastic.adhesive or elastic.plastic or elastic.dissipates)
+    assert plastic.plastic and plastic.dissipates and dem.EEPA(0.9, 1.0).dissipates

@@ -210,8 +210,8 @@ def test_units_do_not_matter(bench, twin):
 
 
 def test_a_sticky_sphere_is_caught_below_a_speed_and_rebounds_above():
-    """e = 1: between touch and parting the energy of the contact rises by the two jumps, (0.9 4^(4/3)
-    + 0.6) (16/3) E* a_m^5/R*^2, and m v^2/2 falls by as much, or has not as much to give."""
+    """e = 1: between touch and parting the energy of the contact rises by the two jumps,
+    (0.9 4^(4/3) + 0.6) (16/3) E* a_m^5/R*^2, and m v^2/2 falls by as much, or has not as much."""
     rng = np.random.default_rng(7)
     radius, modulus = log_uniform(rng, 1e-6, 1, 200), log_uniform(rng, 1e4, 1e10, 200)
     least = radius * log_uniform(rng, 1e-4, 1e-2, 200)
@@ -229,3 +229,9 @@ def test_a_sticky_sphere_is_caught_below_a_speed_and_rebounds_above():
     assert np.all(np.isnan(rebounds[caught])) and np.all(rebounds[~caught] > 0)
     expected = np.sqrt(1 - 1 / share[~caught]) * speed[~caught]
     assert np.allclose(rebounds[~caught], expected, rtol=0.03)
+
+
+def test_what_an_adhesive_law_says_of_itself():
+    sticky, clean = dem.JKR(0.05, 1.0), dem.JKR(0.0, 1.0)
+    assert sticky.adhesive and sticky.plastic and sticky.dissipates
+    assert not clean.plastic and not clean.dissipates and dem.JKR(0.0, 0.9).dissipates

@@ -10,8 +10,12 @@ from typing import Any
 _HOMES = {
     "taichi_dem.validation": ("InputError",),
     "taichi_dem.scene": ("Box", "Material", "Piston", "Plane", "Scene", "Spheres", "Substrate"),
+    "taichi_dem.contacts.cdt": ("CDT",),
+    "taichi_dem.contacts.cdt_jkr": ("CDTJKR",),
+    "taichi_dem.contacts.eepa": ("EEPA",),
     "taichi_dem.contacts.hertz": ("Hertz",),
     "taichi_dem.contacts.hooke": ("Hooke",),
+    "taichi_dem.contacts.jkr": ("JKR",),
     "taichi_dem.contacts.mindlin": ("Mindlin",),
     "taichi_dem.contacts.law": ("Law",),
     "taichi_dem.guards": ("SimulationStopped",),

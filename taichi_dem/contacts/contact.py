@@ -16,6 +16,10 @@ Contact = ti.types.struct(
     effective_radius=real,  # 1/R* = 1/R_i + 1/R_j
     effective_mass=real,  # 1/m* = 1/m_i + 1/m_j
     time_step=real,
+    # Zero unless set after ``meet``; only some laws ask for them.
+    inverse_reach=real,  # 1 / (R_i + R_j), 0 for a boundary
+    relative_spin=vec3,  # w_i - w_j
+    rolling_inertia=real,  # 1/I = n_i/I_i + n_j/I_j; n contacts share the inertia of a body
 )
 
 NormalForce = ti.types.struct(
@@ -23,6 +27,7 @@ NormalForce = ti.types.struct(
     elastic=real,
     stiffness=real,  # tangent of the elastic part, d elastic / d overlap
     damping=real,  # total = elastic - damping * normal_velocity
+    area_stiffness=real,  # 2 E* a, of a punch as wide as the contact: it scales shear and rolling
 )
 
 
@@ -50,6 +55,21 @@ def meet(
         effective_mass=effective_mass,
         time_step=time_step,
     )
+
+
+@ti.func
+def carried(vector: vec3, contact: ti.template()) -> vec3:
+    """A tangential ``vector`` that a contact remembers, turned with it: laid into the present
+    tangent plane at unchanged length, and spun with the two bodies about the normal."""
+    turned = (
+        vector
+        - vector.dot(contact.normal) * contact.normal
+        + contact.spin * contact.time_step * contact.normal.cross(vector)
+    )
+    square = turned.dot(turned)
+    some = square > 0.0
+    share = ti.sqrt(vector.dot(vector) / ti.select(some, square, 1.0))
+    return ti.select(some, share, 0.0) * turned
 
 
 @ti.func

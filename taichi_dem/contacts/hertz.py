@@ -27,9 +27,15 @@ class Hertz:
 
     history = ()
     coefficient_names = ("effective_modulus", "damping")
+    adhesive = plastic = False
 
     def __post_init__(self) -> None:
         validate(self)
+
+    @property
+    def dissipates(self) -> bool:
+        """Whether a closed cycle of loading can lose energy."""
+        return self.restitution < 1
 
     def coefficients(self, a: Material, b: Material) -> dict[str, float]:
         """E* (Pa) and 2 sqrt(5/6) beta (-) for a contact of materials ``a`` and ``b``."""
@@ -49,6 +55,7 @@ class Hertz:
             elastic=elastic,
             stiffness=stiffness,
             damping=damping,
+            area_stiffness=stiffness,
         )
 
     @staticmethod

@@ -24,9 +24,15 @@ class Hooke:
 
     history = ()
     coefficient_names = ("stiffness", "damping")
+    adhesive = plastic = False
 
     def __post_init__(self) -> None:
         validate(self)
+
+    @property
+    def dissipates(self) -> bool:
+        """Whether a closed cycle of loading can lose energy."""
+        return self.restitution < 1
 
     def coefficients(self, a: Material, b: Material) -> dict[str, float]:
         """k_n (N/m) and 2 beta (-); the same for every pair unless ``pairs`` says otherwise."""
@@ -45,6 +51,7 @@ class Hooke:
             elastic=elastic,
             stiffness=k.stiffness,
             damping=damping,
+            area_stiffness=k.stiffness,
         )
 
     @staticmethod

@@ -1,18 +1,22 @@
 """Composition of laws: one normal law, and the effects that the scene calls for beside it."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+from taichi_dem.contacts.cdt import CDT
+from taichi_dem.contacts.cdt_jkr import CDTJKR
+from taichi_dem.contacts.eepa import EEPA
 from taichi_dem.contacts.hertz import Hertz
 from taichi_dem.contacts.hooke import Hooke
+from taichi_dem.contacts.jkr import JKR
 from taichi_dem.contacts.mindlin import Mindlin
 from taichi_dem.validation import InputError, Problem
 
 LAWS: dict[str, dict[str, type]] = {
-    "normal": {"Hertz": Hertz, "Hooke": Hooke},
+    "normal": {"Hertz": Hertz, "Hooke": Hooke, "JKR": JKR, "EEPA": EEPA},
     "tangential": {"Mindlin": Mindlin},
-    "rolling": {},
+    "rolling": {"CDT": CDT, "CDTJKR": CDTJKR},
     "surface": {},
 }
 
@@ -24,7 +28,8 @@ class Law:
     ``pairs`` maps two material names to laws of the same classes with other parameters:
     ``pairs={("glass", "gel"): {"tangential": Mindlin(friction=0.8)}}``.
 
-    Raises ``InputError`` for a law in the wrong place or a pair whose law is of another class.
+    Raises ``InputError`` for a law in the wrong place, laws that do not go together, or a pair
+    whose law is of another class or computes in another way (has other options).
     """
 
     normal: Any
@@ -38,6 +43,8 @@ class Law:
         problems += [
             p for names, laws in self.pairs.items() for p in self._pair_problems(names, laws)
         ]
+        if not problems:
+            problems = list(self._problems_together())
         if problems:
             raise InputError(problems)
 
@@ -47,10 +54,14 @@ class Law:
 
     def between(self, slot: str, first: str, second: str) -> Any:
         """The law of ``slot`` for materials named ``first`` and ``second``, in either order."""
+        law = getattr(self, slot)
         for names in ((first, second), (second, first)):
             if slot in self.pairs.get(names, {}):
-                return self.pairs[names][slot]
-        return getattr(self, slot)
+                law = self.pairs[names][slot]
+        if isinstance(law, CDTJKR) and law.work_of_adhesion is None:
+            normal = self.between("normal", first, second)
+            return replace(law, work_of_adhesion=normal.work_of_adhesion)
+        return law
 
     def _slot_problems(self, slot: str) -> Iterable[Problem]:
         law, allowed = getattr(self, slot), LAWS[slot]
@@ -58,6 +69,22 @@ class Law:
             return
         names = ", ".join(allowed) or "left out (none is available yet)"
         yield Problem(slot, law, f"must be {'one of ' if allowed else ''}{names}")
+
+    def _problems_together(self) -> Iterable[Problem]:
+        """Adhesion energy is given once."""
+        rows = {"rolling": self.rolling}
+        rows |= {
+            f"pairs[{names!r}].rolling": laws.get("rolling") for names, laws in self.pairs.items()
+        }
+        for path, law in rows.items():
+            if not isinstance(law, CDTJKR):
+                continue
+            path, work = f"{path}.work_of_adhesion", law.work_of_adhesion
+            if isinstance(self.normal, JKR) and work is not None:
+                yield Problem(path, work, "must be left out: the normal law, JKR, has it")
+            elif not isinstance(self.normal, JKR) and work is None:
+                kind = type(self.normal).__name__
+                yield Problem(path, None, f"must be given: only JKR has it, {kind} has not")
 
     def _pair_problems(self, names: Any, laws: Any) -> Iterable[Problem]:
         path = f"pairs[{names!r}]"
@@ -78,3 +105,9 @@ class Law:
             elif type(law) is not type(general):
                 expected = type(general).__name__
                 yield Problem(f"{path}.{slot}", law, f"must be {expected}, as for all pairs")
+            else:
+                for name in getattr(law, "options", ()):
+                    expected, value = getattr(general, name), getattr(law, name)
+                    if value != expected:
+                        rule = f"must be {expected!r}, as for all pairs"
+                        yield Problem(f"{path}.{slot}.{name}", value, rule)

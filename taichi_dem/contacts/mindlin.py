@@ -42,7 +42,7 @@ class Mindlin:
     @staticmethod
     @ti.func
     def force(contact, normal, k, history: ti.template()):
-        stiffness = k.stiffness_ratio * normal.stiffness
+        stiffness = k.stiffness_ratio * normal.area_stiffness
         stored = history.tangential_force
         turned = (
             stored

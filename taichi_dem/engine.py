@@ -244,8 +244,9 @@ class Engine:
 
     def _dissipates(self) -> bool:
         law, names = self.scene.law, [material.name for material in self.scene.materials]
-        elastic = all(law.between("normal", a, b).restitution == 1 for a in names for b in names)
-        return law.tangential is not None or not elastic
+        return law.tangential is not None or any(
+            law.between("normal", a, b).dissipates for a in names for b in names
+        )
 
     def _set_skin(self) -> float:
         """Put the skin's width in force; returns the cell size that goes with it."""

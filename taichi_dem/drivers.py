@@ -66,9 +66,7 @@ class Drivers:
         """The second half kick of a step, the first of the next, and its drift."""
         time_step = self.control.time_step[None]
         force, torque = self.forces.gather(i)
-        self.verlet.kick(i, force, torque, time_step)
-        self.verlet.kick(i, force, torque, time_step)
-        self.verlet.drift(i, time_step)
+        self.verlet.stride(i, force, torque, time_step)
 
     # -- the drivers -----------------------------------------------------------------------------
 

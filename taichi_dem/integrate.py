@@ -28,11 +28,29 @@ class Verlet:
             self.particles.spin[i].omega += 0.5 * time_step * inverse_inertia * torque
 
     @ti.func
-    def drift(self, i, time_step):
-        """A step of the position; the list is stale once somebody has gone half the skin.
-        (Written so that not-a-number counts as gone.)"""
+    def stride(self, i, force, torque, time_step):
+        """Two kicks and a drift, by the same operations as one by one: every number is read and
+        written once, which compilers do not find out for themselves."""
         body = self.particles.body[i]
-        position = body.position + time_step * body.velocity
+        kick = 0.5 * time_step * (force * body.inverse_mass + self.control.gravity[0])
+        velocity = body.velocity + kick + kick
+        self.particles.body[i].velocity = velocity
+        if ti.static(self.rotates):
+            inverse_inertia = 2.5 * body.inverse_mass / (body.radius * body.radius)
+            turn = 0.5 * time_step * inverse_inertia * torque
+            self.particles.spin[i].omega = self.particles.spin[i].omega + turn + turn
+        self.put(i, body.position + time_step * velocity)
+
+    @ti.func
+    def drift(self, i, time_step):
+        """A step of the position."""
+        body = self.particles.body[i]
+        self.put(i, body.position + time_step * body.velocity)
+
+    @ti.func
+    def put(self, i, position):
+        """Move to ``position``; the list is stale once somebody has gone half the skin.
+        (Written so that not-a-number counts as gone.)"""
         self.particles.body[i].position = position
         moved = position - self.particles.reference[i]
         limit = 0.5 * self.control.skin[None]

@@ -32,7 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, default=3.0, help="length of a turn")
     parser.add_argument("--patience", type=float, default=60.0, help="s to wait for a quiet turn")
     parser.add_argument("--warm-up", type=int, default=1000, help="untimed steps, at most")
-    parser.add_argument("--driver", choices=["auto", "serial", "parallel"], default="auto")
+    parser.add_argument("--driver", choices=["auto", "serial", "team", "parallel"], default="auto")
 
 
 def run(options: argparse.Namespace) -> list[Figure]:

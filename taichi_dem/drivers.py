@@ -1,6 +1,7 @@
-"""Two drivers over the same functions: one serial task of many steps, or parallel loops.
+"""Three drivers over the same functions: one serial task of many steps, a team of threads that stay
+together for as many, or parallel loops.
 
-Both give the same bits, so which one runs may be decided by a stopwatch.  A step between two forces
+All give the same bits, so which one runs may be decided by a stopwatch.  A step between two forces
 is: surface, contacts, boundaries, particles; a run begins with a half kick and a drift and ends
 with forces and a half kick.
 """
@@ -11,6 +12,7 @@ from taichi_dem.boundaries import Boundaries
 from taichi_dem.control import STALE, Control
 from taichi_dem.forces import Forces
 from taichi_dem.integrate import Verlet
+from taichi_dem.meeting import CALLED, MADE, TASK, Meeting
 from taichi_dem.types import ti
 
 
@@ -25,7 +27,9 @@ class Drivers:
         boundaries: Boundaries,
         exchange: Any,
         control: Control,
+        meeting: Meeting,
     ):
+        self.meeting = meeting
         self.forces, self.verlet, self.boundaries = forces, verlet, boundaries
         self.exchange, self.has_exchange = exchange, exchange is not None
         self.particles, self.contacts = forces.particles, forces.contacts
@@ -106,6 +110,47 @@ class Drivers:
             if self.parallel() != 0:
                 return made
         return steps
+
+    @ti.kernel
+    def team(self, steps: ti.i32) -> ti.i32:
+        """As :meth:`serial`, by threads that meet between the halves of a step."""
+        self.meeting.open()
+        self.call_step(0, steps)
+        for place in range(TASK * self.meeting.members):
+            if place % TASK == 0:
+                self.work(place // TASK, steps)
+        return self.meeting.number[MADE]
+
+    @ti.func
+    def work(self, member, steps):
+        """The share of one member: its particles, and the contacts that these look for."""
+        n, members = self.particles.count, ti.static(self.meeting.members)
+        low, high = n * member // members, n * (member + 1) // members
+        first, last = self.contacts.start[low], self.contacts.start[high]
+        made = 0
+        while self.meeting.look(CALLED) > made:
+            for p in range(first, last):
+                self.forces.evaluate(p, self.control.time_step[None])
+            if self.meeting.last_to_arrive():
+                self.settle_boundaries()
+                self.carry_boundaries()
+                self.meeting.release()
+            self.meeting.wait(2 * made + 1)
+            for i in range(low, high):
+                self.move(i)
+            made += 1
+            if self.meeting.last_to_arrive():
+                self.call_step(made, steps)
+                self.meeting.release()
+            self.meeting.wait(2 * made)
+
+    @ti.func
+    def call_step(self, made, steps):
+        """Call for one more step, unless enough are made or the host is needed."""
+        self.meeting.number[MADE] = made
+        if made < steps and self.control.calls_host() == 0:
+            self.surface()
+            self.meeting.call()
 
     # -- the ends of a run -----------------------------------------------------------------------
 

@@ -18,6 +18,7 @@ from taichi_dem.forces import Coefficients, Forces, history_of
 from taichi_dem.grid import Grid, best_cell_size
 from taichi_dem.guards import SimulationStopped
 from taichi_dem.integrate import Verlet
+from taichi_dem.meeting import Meeting
 from taichi_dem.neighbors import Neighbors
 from taichi_dem.pace import Pace, Skin
 from taichi_dem.particles import Particles
@@ -54,6 +55,7 @@ class Engine:
 
         builder = ti.FieldsBuilder()
         self.control = Control(builder)
+        self.meeting = Meeting(backend.THREADS, builder)
         self.particles = Particles(spheres, self.mass, self.material, builder)
         self.boundaries = Boundaries(scene, self.particles, builder)
         for table in coefficients.values():
@@ -71,7 +73,7 @@ class Engine:
             self.exchange.fill()
 
         self.skin = Skin(spheres.radius)
-        self.pace = Pace(spheres.count, backend.THREADS, driver)
+        self.pace = Pace(spheres.count, driver, self.meeting.assembles)
         self._extent = np.maximum(np.ptp(spheres.position, axis=0), 2 * spheres.radius.max())
         self.grid = Grid(self.particles, self._set_skin(), self._extent)
         self._trees.append(self.grid.tree)
@@ -114,9 +116,9 @@ class Engine:
         """As many steps as can be made before the host is needed, at most ``most``."""
         if self.exchange is not None and self.exchange.hosted:
             most = 1
-        return self.pace.advance(
-            most, {"serial": self.drivers.serial, "parallel": self.drivers.loop}
-        )
+        drivers = self.drivers
+        ways = {"serial": drivers.serial, "team": drivers.team, "parallel": drivers.loop}
+        return self.pace.advance(most, ways)
 
     def _solve_on_host(self) -> None:
         if self.exchange is not None and self.exchange.hosted:
@@ -236,7 +238,9 @@ class Engine:
         )
         rotates = self.scene.law.tangential is not None
         verlet = Verlet(self.particles, self.control, rotates)
-        self.drivers = Drivers(self.forces, verlet, self.boundaries, self.exchange, self.control)
+        self.drivers = Drivers(
+            self.forces, verlet, self.boundaries, self.exchange, self.control, self.meeting
+        )
         self.energy = Energy(self.forces, self.exchange, self.boundaries)
         if old is not None:
             self._trees.remove(old.tree)

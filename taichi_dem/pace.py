@@ -5,9 +5,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-SERIAL_BELOW = 2000  # particles: threads never pay
-PARALLEL_ABOVE = 200_000  # they always do
+WAYS = ("serial", "team", "parallel")
+SERIAL_BELOW = 300  # particles: threads never pay
+LOOPS_ABOVE = 2000  # below, waking them for every loop never pays
+PARALLEL_ABOVE = 200_000  # it always does
 TRIAL_STEPS = 20
+BURST = 2000  # steps that a team makes at most before it is asked how it goes
+DISTURBED = 2.0  # times as slow as in its trial
 CALLS_PER_TRIAL = 300
 NEVER = 2**62  # steps
 
@@ -47,26 +51,42 @@ class Skin:
 
 
 class Pace:
-    """Chooses between two ways to make the same steps by timing both."""
+    """Chooses between ways to make the same steps by timing them.
 
-    def __init__(self, particles: int, threads: int, asked: str):
-        self.driver = asked
-        if asked == "auto" and (threads == 1 or particles < SERIAL_BELOW):
-            self.driver = "serial"
-        elif asked == "auto" and particles > PARALLEL_ABOVE:
-            self.driver = "parallel"
-        self._tries = self.driver == "auto"
-        self._trials = ["serial", "parallel"] if self._tries else []
+    ``together``: whether threads run at the same time, as a team must; it is asked only where a
+    team may pay.
+    """
+
+    def __init__(self, particles: int, asked: str, together: Callable[[], bool]):
+        self._ways = [asked]
+        if asked == "auto":
+            self._ways = ["serial"]
+            if particles >= SERIAL_BELOW and together():
+                self._ways = ["serial", "team"] if particles < LOOPS_ABOVE else list(WAYS)
+            if particles > PARALLEL_ABOVE and len(self._ways) > 1:
+                self._ways = ["parallel"]
+        elif asked == "team" and not together():
+            self._ways = ["parallel"]
+        self.driver = self._ways[0]
+        self._trials = self._ways.copy() if len(self._ways) > 1 else []
         self._warm, self._calls = "", 0
         self._cost: dict[str, float] = {}
 
     def advance(self, steps: int, ways: dict[str, Callable[[int], int]]) -> int:
         """Make at most ``steps`` steps; returns how many were made."""
-        if not self._trials:
-            self._calls += 1
-            if self._tries and self._calls % CALLS_PER_TRIAL == 0:  # a bed may have settled
-                self._trials = ["serial", "parallel"]
-            return ways[self.driver](steps)
+        if self._trials:
+            return self._try(steps, ways)
+        start = time.perf_counter()
+        made = ways[self.driver](min(steps, BURST) if self.driver == "team" else steps)
+        cost = (time.perf_counter() - start) / max(made, 1)
+        self._calls += 1
+        # A bed may have settled, or others may have come to use the cores.
+        disturbed = cost > DISTURBED * self._cost.get(self.driver, cost)
+        if len(self._ways) > 1 and (disturbed or self._calls % CALLS_PER_TRIAL == 0):
+            self._trials = self._ways.copy()
+        return made
+
+    def _try(self, steps: int, ways: dict[str, Callable[[int], int]]) -> int:
         name = self._trials[0]
         if self._warm != name:  # compile it and warm the caches first
             self._warm = name

@@ -15,6 +15,7 @@ from taichi_dem.engine import Engine
 from taichi_dem.exchange import ground_of
 from taichi_dem.forces import Coefficients
 from taichi_dem.guards import SimulationStopped
+from taichi_dem.pace import WAYS
 from taichi_dem.scene import Scene
 from taichi_dem.schedule import Schedule, interruptible
 from taichi_dem.time_step import StableStep, stable_time_step
@@ -24,7 +25,7 @@ from taichi_dem.writing import Output
 
 SECONDS_PER_CHUNK = 0.3  # between two looks at the world outside; no result depends on it
 FIRST_CHUNK = 50  # steps
-DRIVERS = ("auto", "serial", "parallel")
+DRIVERS = ("auto", *WAYS)
 
 FAST_WARNING = (
     "a sphere hit the substrate at more than a tenth of its shear wave speed: the substrate is "
@@ -42,9 +43,10 @@ _DEEPEST = Range("-", "share of the smaller radius", above=0, at_most=1)
 class Simulation:
     """A scene with its fields, ready to run.
 
-    dt: s; None takes the stable step (``dt_reason`` says what sets it). driver: "serial",
-    "parallel" or "auto", the faster of the two; the results are the same bits. max_overlap: share
-    of the smaller radius beyond which an overlap stops the run. Raises ``InputError``.
+    dt: s; None takes the stable step (``dt_reason`` says what sets it). driver: "serial", "team"
+    (threads that stay together), "parallel" (loops that wake them) or "auto", the fastest of the
+    three; the results are the same bits. max_overlap: share of the smaller radius beyond which an
+    overlap stops the run. Raises ``InputError``.
     """
 
     def __init__(

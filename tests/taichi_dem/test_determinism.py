@@ -124,8 +124,9 @@ def test_reordering_in_memory_changes_no_bit(sim, expected, monkeypatch):
     assert_same_bits(everything(sim), expected)
 
 
-def test_both_drivers_give_the_same_bits(sim, expected, monkeypatch):
-    monkeypatch.setattr(sim._engine.pace, "driver", "parallel")
+@pytest.mark.parametrize("driver", ["parallel", "team"])
+def test_all_drivers_give_the_same_bits(sim, expected, monkeypatch, driver):
+    monkeypatch.setattr(sim._engine.pace, "driver", driver)
     begin(sim).run(steps=STEPS)
     assert_same_bits(everything(sim), expected)
 
@@ -170,7 +171,7 @@ from taichi_dem import Simulation, engine, neighbors
 
 engine.REORDER_ABOVE, engine.REORDER_EVERY, neighbors.SERIAL_BELOW = 0, 1, 0
 sim = Simulation(test.pouring(True, (6, 6, 3)))
-for driver in ("serial", "parallel"):
+for driver in ("serial", "parallel", "team"):
     sim._engine.pace.driver = driver
     test.begin(sim).run(steps=500)
     assert sim._engine.rebuilds > 10 and len(sim.contacts()) > 30
@@ -196,7 +197,7 @@ def start(threads):
 
 def test_threads_and_drivers_give_the_same_bits():
     """A bed with every parallel path in use, a piston and a coupled substrate, by one and by two
-    threads, serial and in parallel."""
+    threads, by every driver."""
     runs = [start(threads) for threads in (1, 2)]
     lines = []
     for run in runs:
@@ -204,4 +205,4 @@ def test_threads_and_drivers_give_the_same_bits():
         assert run.returncode == 0, errors
         lines.append(out.splitlines())
     assert lines[0] == lines[1]
-    assert len(lines[0]) == 2 and len(set(lines[0])) == 1
+    assert len(lines[0]) == 3 and len(set(lines[0])) == 1

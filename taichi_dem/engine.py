@@ -28,7 +28,7 @@ from taichi_dem.views import ParticleState, contact_records
 
 CONTACTS_PER_PARTICLE = 4  # of the first list; it regrows
 GROWTH = 1.3
-REORDER_ABOVE = 4000  # particles: fewer fit in the cache in any order
+REORDER_ABOVE = 300  # particles: fewer are close together in the cache in any order
 REORDER_EVERY = 8  # rebuilds
 
 

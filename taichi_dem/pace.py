@@ -9,7 +9,8 @@ WAYS = ("serial", "team", "parallel")
 SERIAL_BELOW = 300  # particles: threads never pay
 LOOPS_ABOVE = 2000  # below, waking them for every loop never pays
 PARALLEL_ABOVE = 200_000  # it always does
-TRIAL_STEPS = 20
+TRIAL_STEPS = 20  # at least; small scenes make more, so that waking threads does not count
+TRIAL_WORK = 200_000  # particle-steps
 BURST = 2000  # steps that a team makes at most before it is asked how it goes
 DISTURBED = 2.0  # times as slow as in its trial
 CALLS_PER_TRIAL = 300
@@ -69,6 +70,7 @@ class Pace:
             self._ways = ["parallel"]
         self.driver = self._ways[0]
         self._trials = self._ways.copy() if len(self._ways) > 1 else []
+        self._trial_steps = max(TRIAL_STEPS, TRIAL_WORK // particles)
         self._warm, self._calls = "", 0
         self._cost: dict[str, float] = {}
 
@@ -92,7 +94,7 @@ class Pace:
             self._warm = name
             return ways[name](1)
         start = time.perf_counter()
-        made = ways[name](min(steps, TRIAL_STEPS))
+        made = ways[name](min(steps, self._trial_steps))
         self._cost[self._trials.pop(0)] = (time.perf_counter() - start) / max(made, 1)
         if not self._trials:
             self.driver = min(self._cost, key=lambda tried: self._cost[tried])

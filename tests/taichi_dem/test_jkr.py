@@ -175,7 +175,7 @@ def contact_radius(twin, overlap):
     return 0.5 * (low + high)
 
 
-@settings(deadline=None, derandomize=True, database=None, max_examples=5)
+@settings(max_examples=5)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_random_paths_make_hold_and_open_contacts(bench, twin, seed):
     """Wandering overlaps around zero: whether there is a contact is a matter of the path, what it

@@ -30,7 +30,7 @@ def all_pairs(position, radius):
     return i, j, radius[i] + radius[j] - np.linalg.norm(position[i] - position[j], axis=1)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.floats(1, 20), st.floats(0.01, 0.3))
 def test_overlapping_finds_each_pair_once(seed, ratio, typical):
     rng = np.random.default_rng(seed)

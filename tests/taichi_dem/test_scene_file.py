@@ -380,7 +380,7 @@ def scenes(draw):
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(scenes(), st.builds(Run, duration=positive, dt=st.none() | positive))
 def test_round_trip_is_exact(tmp_path_factory, scene, run):
     path = tmp_path_factory.mktemp("scene") / "scene.toml"

@@ -19,7 +19,7 @@ from taichi_dem.wording import memory as in_bytes
 
 PILOT_SECONDS = 1.0
 PILOT_STEPS = 400
-WARM_UP_STEPS = 66  # all drivers are compiled within these, and most scenes have tried them
+WARM_UP_STEPS = 132  # all drivers are compiled within these, and most scenes have tried them
 SETTLED = 3.0  # contacts per sphere from which a bed is as dense as it gets
 SLOWER = 4  # times, at most, that a settled bed is slower than falling spheres (measured: 2 to 4)
 

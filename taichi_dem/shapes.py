@@ -32,6 +32,11 @@ class Boundary:
         """The name of the class, as scene files have it."""
         return type(self).__name__
 
+    @property
+    def moves(self) -> bool:
+        """Whether it can move, along a face too."""
+        return bool(np.any(getattr(self, "velocity", 0.0)))
+
     def faces(self) -> list[Face]:
         """Each face at time zero."""
         raise NotImplementedError
@@ -109,6 +114,8 @@ class Piston(Boundary):
     program: tuple[tuple[float, float], ...] | None = None
     load: float | None = parameter("N", "along the normal", default=None)
     mass: float | None = parameter("kg", "mass of the plate", default=None, above=0.0)
+
+    moves = True
 
     def __post_init__(self) -> None:
         problems = [

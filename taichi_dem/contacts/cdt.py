@@ -38,6 +38,7 @@ class CDT:
 
     coefficient_names = ("friction", "damping")
     options = OPTIONS
+    asks_for = ("relative_spin", "rolling_inertia")
 
     def __post_init__(self) -> None:
         validate(self, *option_problems(self))

@@ -45,6 +45,7 @@ class CDTJKR:
 
     coefficient_names = ("lever", "stiffness", "damping")
     options = OPTIONS
+    asks_for = ("relative_spin", "rolling_inertia")
 
     def __post_init__(self) -> None:
         validate(self, *option_problems(self))

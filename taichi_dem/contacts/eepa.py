@@ -63,6 +63,7 @@ class EEPA:
     coefficient_names = ("modulus", "stiffness_ratio", "damping", "surface_energy", "pull_off")
     options = ("overlap_exponent", "adhesion_exponent", "damping", "limit_force")
     adhesive = False  # what sticks lets go at zero overlap
+    asks_for = ("inverse_reach",)
 
     def __post_init__(self) -> None:
         validate(self, *self._problems())

@@ -95,6 +95,13 @@ class JKR:
 
     @staticmethod
     @ti.func
+    def opening(contact, k):
+        """The overlap (m) at which a contact opens, -3 a_m^2/R*; below it the force stays."""
+        least = k.root_radius * cube_root(contact.effective_radius)
+        return -3.0 * least**4 / contact.effective_radius
+
+    @staticmethod
+    @ti.func
     def force(contact, k, history: ti.template()):
         roots = JKR.roots(contact, k)
         least, root = roots[0] ** 3, roots[1] ** 3

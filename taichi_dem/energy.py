@@ -70,8 +70,8 @@ class Energy:
 
     @ti.kernel
     def loss(self, take: ti.i32) -> ti.f64:
-        """What has gone into the contacts' dashpots, friction and the like; to ``take`` it off them is for
-        when the list is made anew."""
+        """What has gone into the contacts' dashpots, friction and the like; to ``take`` it off
+        them is for when the list is made anew."""
         total = ti.cast(0.0, ti.f64)
         ti.loop_config(serialize=True)
         for p in range(self.contacts.start[self.particles.count]):

@@ -47,8 +47,9 @@ class Simulation:
     dt: s; None takes the stable step (``dt_reason`` says what sets it). driver: "serial", "team"
     (threads that stay together), "parallel" (loops that wake them) or "auto", the fastest of the
     three; the results are the same bits. max_overlap: share of the smaller radius beyond which an
-    overlap stops the run. energy_balance: whether to sum up what is lost, so that :meth:`energy` can
-    tell whether all is accounted for; it takes about a fifth of the time. Raises ``InputError``.
+    overlap stops the run. energy_balance: whether to sum up what is lost, so that
+    :meth:`energy` can tell whether all is accounted for; it takes about a fifth of the time. Raises
+    ``InputError``.
     """
 
     def __init__(

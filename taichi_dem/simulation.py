@@ -77,7 +77,7 @@ class Simulation:
         coefficients = {
             slot: Coefficients(scene.law, slot, scene.materials) for slot in scene.law.parts()
         }
-        stable = stable_time_step(scene, coefficients["normal"])
+        stable = stable_time_step(scene, coefficients)
         self.dt, self.dt_reason = self._choose_step(dt, stable)
         self._ground = ground_of(scene.substrate) if scene.substrate else None
         try:

@@ -67,6 +67,11 @@ class CDTJKR:
             "damping": 2 * self.rolling_damping,
         }
 
+    @staticmethod
+    def stiffness(k: dict[str, float], effective_radius: float, normal_stiffness: float) -> float:
+        """k_r (N), for the time step."""
+        return k["stiffness"] * effective_radius
+
     @ti.func
     def torque(self, contact, normal, k, history: ti.template()):
         radius = contact.effective_radius

@@ -147,6 +147,14 @@ class JKR:
         return 2 * k["effective_modulus"] * root**2
 
     @staticmethod
+    def dashpot(
+        k: dict[str, float], effective_radius: float, effective_mass: float, overlap: float
+    ) -> float:
+        """c (N s/m) at ``overlap``, for the time step."""
+        stiffness = JKR.stiffness(k, effective_radius, overlap)
+        return k["damping"] * math.sqrt(stiffness * effective_mass)
+
+    @staticmethod
     def reach(k: dict[str, float], effective_radius: float) -> float:
         """How far (m) past zero overlap a contact is held: 3 a_m^2/R*."""
         return 3 * k["root_radius"] ** 4 * effective_radius ** (1 / 3)

@@ -39,7 +39,7 @@ def check(path: Path, overrides: Sequence[str] = (), duration: float | None = No
 
     with plain_warnings():
         start = time.perf_counter()
-        sim = Simulation(scene, plan.dt)
+        sim = Simulation(scene, plan.dt, energy_balance=plan.energy_balance)
         built = time.perf_counter() - start
         for name, text in effects(sim):
             _say(name, text)
@@ -93,34 +93,18 @@ def effects(sim: Any) -> Iterator[tuple[str, str]]:
     """What has been compiled, and why; what the scene leaves out."""
     from taichi_dem.contacts.law import LAWS
 
-    engine, scene, law = sim._engine, sim.scene, sim.scene.law
-    contacts, rotates = engine.contacts, engine.forces.rubs
+    scene, law, listed = sim.scene, sim.scene.law, sim.effects.listed
     on, off = [], [slot for slot, kinds in LAWS.items() if kinds and slot not in law.parts()]
     for slot, part in law.parts().items():
         special = [" on ".join(names) for names, laws in law.pairs.items() if slot in laws]
         but = f"; other numbers for {', '.join(special)}" if special else ""
         on.append((f"{slot} law", f"{part}{but}"))
-    if scene.substrate is not None:
+    if scene.substrate is None:
+        off.append("substrate")
+    else:
         on.append(("substrate", _coupling(scene.substrate)))
-    if rotates:
-        on.append(("rotation", "because friction makes torque"))
-    if contacts.has_history:
-        held = [f"{name} ({slot} law)" for slot, p in law.parts().items() for name, _ in p.history]
-        on.append(("history", f"of each contact: {', '.join(held)}"))
-    if contacts.dissipates:
-        causes = ["friction"] if law.tangential is not None else []
-        on.append(("dissipation", f"is summed up: {', '.join([*causes, 'damping'])}"))
-    moving = [str(k) for k, wall in enumerate(scene.boundaries) if wall.moves]
-    if moving:
-        on.append(("motion", f"of boundary {', '.join(moving)}"))
-    absent = {
-        "substrate": scene.substrate is None,
-        "rotation": not rotates,
-        "history": not contacts.has_history,
-        "dissipation": not contacts.dissipates,
-        "moving boundaries": not moving,
-    }
-    off += [name for name, missing in absent.items() if missing]
+    on += [(effect.name, effect.reason) for effect in listed if effect.on]
+    off += [f"{effect.name} ({effect.reason})" for effect in listed if not effect.on]
     for k, (name, text) in enumerate(on):
         yield "" if k else "effects", f"{name}: {text}"
     yield "off", ", ".join(off) or "nothing"

@@ -5,24 +5,43 @@ substrate or a face.  The history is the union of what the laws declare; it is k
 the two bodies, so that no reordering can lose it.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from taichi_dem.effects import Effects
 from taichi_dem.types import real, ti, vec3
 
 SUBSTRATE = -1  # body number of the half-space; face f of the boundaries is -2 - f
 FIRST_FACE = -2
-APART, TOUCHING, HELD = range(3)
+APART, TOUCHING = range(2)
 
 Ends = ti.types.struct(i=ti.i32, j=ti.i32)
-Result = ti.types.struct(
-    force=vec3,  # on i
-    couple=vec3,  # normal x tangential force: its torque is -arm * couple on i and on j alike
-    half_overlap=real,  # the arm of a sphere is its radius less this
-    drag=real,  # of the dashpot at the last step, N
-)
+
+
+def result_of(effects: Effects) -> Any:
+    """What a contact does to its two bodies, as a struct.
+
+    force         on i
+    half_overlap  the arm of a sphere is its radius less this
+    couple        normal x tangential force: its torque is -arm * couple on i and on j alike
+    torque        on i; j gets the opposite
+    drag          of the dashpot at the last step, N
+    """
+    parts: dict[str, Any] = {"force": vec3, "half_overlap": real}
+    if effects.friction:
+        parts["couple"] = vec3
+    if effects.rolling:
+        parts["torque"] = vec3
+    if effects.losses and not effects.plastic:
+        parts["drag"] = real
+    return ti.types.struct(**parts)
+
+
+def history_type(effects: Effects) -> Any:
+    """What contacts remember, as a struct; without history the laws still get one, which the
+    compiler drops."""
+    return ti.types.struct(**(effects.history or {"nothing": ti.i32}))
 
 
 @ti.data_oriented
@@ -30,11 +49,13 @@ class ContactList:
     """Fields of at most ``capacity`` contacts of ``particles`` particles.
 
     ends         first particle, second particle or body number
-    touching     APART, TOUCHING, or HELD: it was touching when the list was made
+    touching     APART or TOUCHING
     result       what the contact does to the two, while it touches
     history      what the laws remember of the contact (absent if they remember nothing)
-    lost         energy that has gone into dashpot and friction so far, what the tangential spring
-                 holds included, J (absent if nothing dissipates)
+    lost         energy that has gone into dashpot, friction and rolling so far, what their springs
+                 hold included, J; of plastic laws, all work of the contact force (absent if nothing
+                 dissipates)
+    number       touching contacts of each particle at the last step (absent if no law asks)
     start        (particles + 1) first contact of each first particle
     incidence    contacts of each particle, 2 p, or 2 p + 1 where it is the second, in the order of
                  the partner's id: sums do not depend on the order of the list
@@ -45,12 +66,14 @@ class ContactList:
         self,
         particles: int,
         capacity: int,
-        history: Mapping[str, Any],
-        dissipates: bool,
+        effects: Effects,
     ):
+        history = effects.history
         self.particles, self.capacity, self.names = particles, capacity, tuple(history)
-        self.has_history, self.dissipates = bool(history), dissipates
+        self.has_history, self.dissipates = bool(history), effects.losses
+        self.shares_inertia = "rolling_inertia" in effects.asks_for
         builder = ti.FieldsBuilder()
+        Result = result_of(effects)
         self.ends, self.result = Ends.field(), Result.field()
         self.start, self.incidence_start = ti.field(ti.i32), ti.field(ti.i32)
         self.incidence = ti.field(ti.i32)
@@ -68,18 +91,18 @@ class ContactList:
         self.old_partner = ti.field(ti.i32)
         builder.dense(ti.i, capacity).place(self.old_partner)
         builder.dense(ti.i, particles).place(self.old_start, self.old_end)
-        # Without history the laws still get a struct, which the compiler drops.
-        self.History = ti.types.struct(**(history or {"nothing": ti.i32}))
+        self.History = history_type(effects)
         if history:
             self.history, self.old_history = self.History.field(), self.History.field()
             builder.dense(ti.i, capacity).place(self.history)
             builder.dense(ti.i, capacity).place(self.old_history)
-        if dissipates:
-            self.lost = ti.field(real)
+        if self.dissipates:
+            self.lost, self.old_result = ti.field(real), Result.field()
             builder.dense(ti.i, capacity).place(self.lost)
-            self.old_drag, self.old_couple = ti.field(real), ti.Vector.field(3, real)
-            builder.dense(ti.i, capacity).place(self.old_drag)
-            builder.dense(ti.i, capacity).place(self.old_couple)
+            builder.dense(ti.i, capacity).place(self.old_result)
+        if self.shares_inertia:
+            self.number = ti.field(ti.i32)
+            builder.dense(ti.i, particles).place(self.number)
         self.tree = builder.finalize()
 
     def count(self) -> int:
@@ -92,6 +115,14 @@ class ContactList:
             return {}
         values = self.history.to_numpy()
         return {name: values[name][which] for name in self.names}
+
+    @ti.func
+    def count_touching(self, i):
+        """How many of the contacts of ``i`` touch."""
+        number = 0
+        for q in range(self.incidence_start[i], self.incidence_start[i + 1]):
+            number += self.touching[self.incidence[q] >> 1] != APART
+        return number
 
     def inherit(self, other: "ContactList") -> None:
         """Take over what a smaller list has on file."""
@@ -107,4 +138,4 @@ def _copy_file(old: ti.template(), new: ti.template()):
         if ti.static(old.has_history):
             new.old_history[p] = old.old_history[p]
         if ti.static(old.dissipates):
-            new.old_drag[p], new.old_couple[p] = old.old_drag[p], old.old_couple[p]
+            new.old_result[p] = old.old_result[p]

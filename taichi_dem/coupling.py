@@ -22,7 +22,8 @@ FORCING = 0.02  # how far a Newton step is solved, as a share of the residual
 class CoupledSolve:
     """Scratch fields for at most ``capacity`` contacts; ``law(k, d)`` gives what H and H' are.
 
-    position (m), overlap delta (m) and effective d (m) are the caller's to set; force H(d) (N),
+    position (m), overlap delta (m), effective d (m) and the d at which a contact opens (0, or less
+    where it adheres) are the caller's to set; force H(d) (N),
     displacement C H(d) (m) and slope (the gradient of -w) come back.
     """
 
@@ -37,7 +38,7 @@ class CoupledSolve:
         for field in (self.position, self.slope):
             builder.dense(ti.i, capacity).place(field)
         for name in (
-            "overlap effective force tangent displacement defect step remainder"
+            "overlap opening effective force tangent displacement defect step remainder"
             " direction image loaded"
         ).split():
             setattr(self, name, ti.field(real))
@@ -100,7 +101,9 @@ class CoupledSolve:
         n = self.count[None]
         scale = 0.0
         for k in range(n):
-            scale = ti.max(scale, self.overlap[k])
+            scale = ti.max(scale, self.overlap[k] - self.opening[k])
+            if self.effective[k] > self.opening[k]:
+                scale = ti.max(scale, -self.opening[k])
         goal = self.residual[None] * scale
         solved, iteration, before, share = 0, 0, 0.0, 1.0
         while solved == 0 and iteration < MOST_ITERATIONS:
@@ -132,11 +135,11 @@ class CoupledSolve:
         self.apply(self.force, self.displacement)
         largest = 0.0
         for k in range(n):
-            reached = self.overlap[k] - self.displacement[k]
-            if self.effective[k] <= 0.0 and reached <= 0.0:
+            reached, opening = self.overlap[k] - self.displacement[k], self.opening[k]
+            if self.effective[k] <= opening and reached <= opening:
                 self.effective[k] = reached  # open, and stays open: solved outright
             self.defect[k] = self.effective[k] - reached
-            error = ti.max(self.effective[k], 0.0) - ti.max(reached, 0.0)
+            error = ti.max(self.effective[k], opening) - ti.max(reached, opening)
             if not (ti.abs(self.defect[k]) < math.inf):  # not-a-number must not pass for solved
                 error = math.inf
             largest = ti.max(largest, ti.abs(error))

@@ -44,7 +44,7 @@ class Drivers:
     def surface(self):
         if ti.static(self.has_exchange):
             if self.exchange.on_host[None] == 0:
-                self.exchange.update()
+                self.exchange.update(self.contacts)
 
     @ti.func
     def settle_boundaries(self):

@@ -21,7 +21,7 @@ class Energy:
 
     def parts(self, gravity: np.ndarray, lost_before: float) -> dict[str, float]:
         """J, by part; ``lost_before`` is what :meth:`loss` has taken so far."""
-        sums = np.zeros(6)
+        sums = np.zeros(7)
         self._sum(sums, gravity)
         motion = [self.boundaries.motion[b] for b in range(self.boundaries.count)]
         plates = sum(0.5 * m.speed**2 / m.inverse_mass for m in motion if m.inverse_mass > 0)
@@ -30,15 +30,20 @@ class Energy:
             "gravity": sums[1],
             "normal": sums[2],
             "tangential": sums[3],
-            "substrate": sums[4],
-            "dissipated": lost_before + sums[5] - sums[3],
+            "rolling": sums[4],
+            "substrate": sums[5],
+            "dissipated": lost_before + sums[6] - sums[3] - sums[4],
             "external_work": float(sum(m.work for m in motion)),
         }
-        absent = (not self.forces.rubs, not self.coupled, not self.contacts.dissipates)
-        for name, missing in zip(("tangential", "substrate", "dissipated"), absent, strict=True):
-            if missing:
-                del parts[name]
-        return parts
+        if self.forces.plastic:  # all work of the contacts is booked, what they hold included
+            parts["dissipated"] -= sums[2] + sums[5]
+        there = {
+            "tangential": self.forces.rubs,
+            "rolling": self.forces.winds,
+            "substrate": self.coupled,
+            "dissipated": self.contacts.dissipates,
+        }
+        return {name: value for name, value in parts.items() if there.get(name, True)}
 
     @ti.kernel
     def _sum(self, sums: ti.types.ndarray(), gravity: ti.types.ndarray()):
@@ -53,21 +58,20 @@ class Energy:
             for axis in ti.static(range(3)):
                 sums[1] -= mass * gravity[axis] * body.position[axis]
             if ti.static(self.coupled):
-                ground = self.exchange.ground[i]
-                sums[4] -= 0.5 * ground.force * ground.expansion
+                sums[5] += self.exchange.stored(i)
         ti.loop_config(serialize=True)
         for p in range(self.contacts.start[self.particles.count]):
             if self.contacts.touching[p] != APART:
                 stored = self.forces.stored(p)
-                sums[2] += stored[0]
-                sums[3] += stored[1]
+                for part in ti.static(range(3)):
+                    sums[2 + part] += stored[part]
             if ti.static(self.contacts.dissipates):
-                sums[5] += self.contacts.lost[p]
+                sums[6] += self.contacts.lost[p]
 
     @ti.kernel
     def loss(self, take: ti.i32) -> ti.f64:
-        """What has gone into the contacts' dashpots and friction; to ``take`` it off them is for
-        when the list is made anew."""
+        """What has gone into the contacts' dashpots, friction and the like; to ``take`` it off
+        them is for when the list is made anew."""
         total = ti.cast(0.0, ti.f64)
         ti.loop_config(serialize=True)
         for p in range(self.contacts.start[self.particles.count]):

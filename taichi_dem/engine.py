@@ -12,9 +12,10 @@ from taichi_dem.boundaries import Boundaries
 from taichi_dem.contact_list import ContactList
 from taichi_dem.control import STALE, TOO_DEEP, UNSOLVED, Control
 from taichi_dem.drivers import Drivers
+from taichi_dem.effects import Effects
 from taichi_dem.energy import Energy
 from taichi_dem.exchange import Exchange
-from taichi_dem.forces import Coefficients, Forces, history_of
+from taichi_dem.forces import Coefficients, Forces
 from taichi_dem.grid import Grid, best_cell_size
 from taichi_dem.guards import SimulationStopped
 from taichi_dem.integrate import Verlet
@@ -42,12 +43,14 @@ class Engine:
     def __init__(
         self,
         scene: Scene,
+        effects: Effects,
         coefficients: Mapping[str, Coefficients],
         time_step: float,
         driver: str,
         max_overlap: float,
     ):
         self.scene, self.time_step, self._coefficients = scene, time_step, coefficients
+        self.effects = effects
         spheres, materials = scene.spheres, scene.materials
         place = {material: index for index, material in enumerate(materials)}
         self.mass = spheres.mass
@@ -123,7 +126,7 @@ class Engine:
 
     def _solve_on_host(self) -> None:
         if self.exchange is not None and self.exchange.hosted:
-            self.exchange.update_on_host()
+            self.exchange.update_on_host(self.contacts)
 
     def _answer(self) -> None:
         """Do what the kernels called the host for."""
@@ -166,9 +169,9 @@ class Engine:
             self.exchange.forget()
         self.skin.start_again(good["step"])
         self.rebuild(remember=False)
-        self.lost = good["lost"]
         self._solve_on_host()
         self.drivers.evaluate(0.0)
+        self.lost = good["lost"] - self.energy.loss(False)
         raise SimulationStopped(f"at t = {when:.6g} s {why}.", row, good)
 
     def _keep_good_state(self) -> None:
@@ -213,9 +216,8 @@ class Engine:
 
     def _make_list(self, capacity: int) -> None:
         """A contact list of ``capacity``, and the kernels that work on it."""
-        history = history_of(self.scene.law)
         old = getattr(self, "contacts", None)
-        self.contacts = ContactList(self.particles.count, capacity, history, self._dissipates())
+        self.contacts = ContactList(self.particles.count, capacity, self.effects)
         self._trees.append(self.contacts.tree)
         if old is not None:
             self.contacts.inherit(old)
@@ -226,9 +228,11 @@ class Engine:
             self.grid,
             self.control,
             self._soil >= 0,
+            self.effects,
         )
         self.forces = Forces(
             self.scene.law,
+            self.effects,
             self._coefficients,
             self.particles,
             self.boundaries,
@@ -237,8 +241,7 @@ class Engine:
             self._soil,
             self.control,
         )
-        rotates = self.scene.law.tangential is not None
-        verlet = Verlet(self.particles, self.control, rotates)
+        verlet = Verlet(self.particles, self.control, self.effects.rotation)
         self.drivers = Drivers(
             self.forces, verlet, self.boundaries, self.exchange, self.control, self.meeting
         )
@@ -246,12 +249,6 @@ class Engine:
         if old is not None:
             self._trees.remove(old.tree)
             old.tree.destroy()
-
-    def _dissipates(self) -> bool:
-        law, names = self.scene.law, [material.name for material in self.scene.materials]
-        return law.tangential is not None or any(
-            law.between("normal", a, b).dissipates for a in names for b in names
-        )
 
     def _set_skin(self) -> float:
         """Put the skin's width in force; returns the cell size that goes with it."""
@@ -268,6 +265,7 @@ class Engine:
             substrate,
             self.particles,
             self.scene.law,
+            self.effects,
             self._coefficients["normal"],
             self._soil,
             self.control,

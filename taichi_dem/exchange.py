@@ -10,10 +10,11 @@ import math
 import numpy as np
 
 import halfspace
-from taichi_dem.contact_list import SUBSTRATE, ContactList
+from taichi_dem.contact_list import APART, SUBSTRATE, ContactList, history_type
 from taichi_dem.contacts.contact import at_rest
 from taichi_dem.control import UNSOLVED, Control
 from taichi_dem.coupling import CoupledSolve
+from taichi_dem.effects import Effects
 from taichi_dem.particles import Particles
 from taichi_dem.scene import Substrate
 from taichi_dem.types import PRECISION, real, ti, vec2, vec3
@@ -23,6 +24,7 @@ ROUND_OFF = 1e-14 if PRECISION == "double" else 1e-5  # no residual can be asked
 PAST = 4  # displacements kept: the next one is extrapolated from them by a cubic
 FAST_IMPACT = 0.1  # of the substrate's shear wave speed: beyond, it is not quasi-static
 WIDE_CONTACT = 0.3  # contact radius over sphere radius: beyond, strains are not small
+HELD_BEYOND = 2.0  # times its opening: as far a contact holds that opens while others are solved
 
 Ground = ti.types.struct(
     expansion=real,  # what the surface under the contact has risen by the others' forces, m
@@ -50,6 +52,9 @@ class Exchange:
     """Fields of the substrate's contacts, one at most for each particle.
 
     members   the particles near the surface, in the order of their ids
+    entry     the contact of each member
+    history   what that remembers, as it was before the step (absent if nothing)
+    held      by particle, whether it is in contact (absent unless contacts adhere)
     """
 
     def __init__(
@@ -57,6 +62,7 @@ class Exchange:
         substrate: Substrate,
         particles: Particles,
         law,
+        effects: Effects,
         coefficients,
         material: int,
         control: Control,
@@ -74,12 +80,20 @@ class Exchange:
 
         n = particles.count
         self.ground, self._sorted_ground = Ground.field(), Ground.field()
-        self.members = ti.field(ti.i32)
+        self.members, self.entry = ti.field(ti.i32), ti.field(ti.i32)
+        self.History = history_type(effects)
+        self.has_history, self.adhesion = bool(effects.history), effects.adhesion
         self.fast_impacts, self.wide_contacts = ti.field(ti.i64), ti.field(ti.i64)
         self.wave_speed, self.on_host = ti.field(real), ti.field(ti.i32)
         builder.dense(ti.i, n).place(self.ground)
         builder.dense(ti.i, n).place(self._sorted_ground)
-        builder.dense(ti.i, n).place(self.members)
+        builder.dense(ti.i, n).place(self.members, self.entry)
+        if self.has_history:
+            self.history = self.History.field()
+            builder.dense(ti.i, n).place(self.history)
+        if self.adhesion:
+            self.held = ti.field(ti.i32)
+            builder.dense(ti.i, n).place(self.held)
         builder.place(self.fast_impacts, self.wide_contacts, self.wave_speed, self.on_host)
         self.solver = CoupledSolve(min(n, IN_KERNEL_CONTACTS), self.halfspace.modulus, builder)
 
@@ -110,7 +124,7 @@ class Exchange:
             i = self.particles.index_of[row]
             last = contacts.start[i + 1] - 1
             if last >= contacts.start[i] and contacts.ends[last].j == SUBSTRATE:
-                self.members[number] = i
+                self.members[number], self.entry[number] = i, last
                 number += 1
             else:
                 self.ground[i] = Ground()
@@ -147,11 +161,12 @@ class Exchange:
 
     # -- through the host ------------------------------------------------------------------------
 
-    def update_on_host(self) -> None:
+    def update_on_host(self, contacts: ContactList) -> None:
         """As :meth:`update`, by ``halfspace``."""
         n = self.count
         position, overlap, expected, before = np.empty((n, 2)), *np.empty((3, n))
-        self._send(n, position, overlap, expected, before)
+        opening = np.empty(n)
+        self._send(n, contacts, position, overlap, expected, before, opening)
         self._plan = self._plan or self.halfspace.plan(position)
         if self.lagged:
             self._plan.refresh(position)
@@ -167,6 +182,7 @@ class Exchange:
                     self._host_law,
                     residual=self.residual,
                     start=overlap - expected,
+                    opening=opening,
                     plan=self._plan,
                 )
             except halfspace.NotConverged as error:
@@ -185,13 +201,16 @@ class Exchange:
     def _send(
         self,
         n: ti.i32,
+        contacts: ti.template(),
         position: ti.types.ndarray(),
         overlap: ti.types.ndarray(),
         expected: ti.types.ndarray(),
         before: ti.types.ndarray(),
+        opening: ti.types.ndarray(),
     ):
         for k in range(n):
             i = self.members[k]
+            opening[k] = self.settle(k, contacts)
             body = self.particles.body[i]
             position[k, 0], position[k, 1] = body.position[0], body.position[1]
             overlap[k] = body.radius - body.position[2]
@@ -226,25 +245,70 @@ class Exchange:
 
     @ti.func
     def law(self, k, overlap):
-        """Elastic force and tangent of contact ``k`` at an effective overlap, motion apart."""
+        """Elastic force and tangent of contact ``k`` at an effective overlap, motion apart; it
+        sees what the contact remembered before the step, and does not change it.  Where the law
+        softens, its force is held while the others adapt."""
         answer = vec2(0.0)
-        if overlap > 0.0:
-            i = self.members[k]
-            body = self.particles.body[i]
-            history = 0
-            normal = self.normal.force(
-                at_rest(overlap, body.radius, 1.0 / body.inverse_mass),
-                self.table[self.particles.spin[i].material, self.material],
-                history,
-            )
-            answer = vec2(normal.elastic, normal.stiffness)
+        i = self.members[k]
+        closed = overlap > 0.0
+        if ti.static(self.adhesion):
+            closed = self.held[i] != 0
+        if closed:
+            history = self.History()
+            if ti.static(self.has_history):
+                history = self.history[k]
+            normal = self.normal.force(self.alone(i, overlap), self.coefficients(i), history)
+            answer = vec2(normal.elastic, ti.max(normal.stiffness, 0.0))
         return answer
 
     @ti.func
-    def update(self):
+    def alone(self, i, overlap):
+        """The contact of ``i`` with the substrate, motion apart."""
+        body = self.particles.body[i]
+        return at_rest(overlap, body.radius, 1.0 / body.inverse_mass)
+
+    @ti.func
+    def coefficients(self, i):
+        return self.table[self.particles.spin[i].material, self.material]
+
+    @ti.func
+    def settle(self, k, contacts: ti.template()):
+        """Take over what the contact of member ``k`` remembers, and decide whether it holds: while
+        forces are solved for none jumps, so that there is an equilibrium.  Returns the effective
+        overlap at which its force ends."""
+        i, p, opening = self.members[k], self.entry[k], 0.0
+        if ti.static(self.has_history):
+            self.history[k] = contacts.history[p]
+        if ti.static(self.adhesion):
+            body = self.particles.body[i]
+            overlap = body.radius - body.position[2] - self.expected(i)
+            contact, table, history = self.alone(i, overlap), self.coefficients(i), self.History()
+            if ti.static(self.has_history):
+                history = self.history[k]
+            held = overlap > 0.0
+            if contacts.touching[p] != APART:
+                held = self.normal.holds(contact, table, history) != 0
+            self.held[i] = ti.cast(held, ti.i32)
+            if held:
+                opening = HELD_BEYOND * self.normal.opening(contact, table)
+        return opening
+
+    @ti.func
+    def is_held(self, i):
+        """Whether particle ``i`` has been found to be in contact."""
+        return self.held[i] != 0
+
+    @ti.func
+    def stored(self, i):
+        """Energy in the surface on account of the contact of particle ``i``, J."""
+        return -0.5 * self.ground[i].force * self.ground[i].expansion
+
+    @ti.func
+    def update(self, contacts: ti.template()):
         """Expansions and slopes for where the particles are now."""
         for k in range(self.solver.count[None]):
             i = self.members[k]
+            self.solver.opening[k] = self.settle(k, contacts)
             body = self.particles.body[i]
             self.solver.position[k] = vec2(body.position[0], body.position[1])
             self.solver.overlap[k] = body.radius - body.position[2]

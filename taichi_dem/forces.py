@@ -8,18 +8,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from taichi_dem.boundaries import Boundaries
-from taichi_dem.contact_list import APART, FIRST_FACE, HELD, SUBSTRATE, TOUCHING, ContactList
+from taichi_dem.contact_list import APART, FIRST_FACE, SUBSTRATE, TOUCHING, ContactList
 from taichi_dem.contacts.contact import at_rest, meet
 from taichi_dem.contacts.law import Law
 from taichi_dem.control import TOO_DEEP, Control
+from taichi_dem.effects import Effects
 from taichi_dem.material import Material
 from taichi_dem.particles import Particles
-from taichi_dem.types import real, ti, vec2, vec3
-
-
-def history_of(law: Law) -> dict[str, Any]:
-    """What the contacts must remember: the union of what the laws declare."""
-    return {name: kind for part in law.parts().values() for name, kind in part.history}
+from taichi_dem.types import real, ti, vec3
 
 
 class Coefficients:
@@ -53,6 +49,7 @@ class Forces:
     def __init__(
         self,
         law: Law,
+        effects: Effects,
         coefficients: Mapping[str, Coefficients],
         particles: Particles,
         boundaries: Boundaries,
@@ -62,11 +59,18 @@ class Forces:
         control: Control,
     ):
         self.particles, self.boundaries, self.contacts = particles, boundaries, contacts
-        self.normal, self.tangential = law.normal, law.tangential
+        self.normal, self.tangential, self.rolling = law.normal, law.tangential, law.rolling
         self.normal_table = coefficients["normal"].table
-        self.rubs = law.tangential is not None
+        self.rubs, self.rolls = effects.friction, effects.rolling
+        self.adhesion, self.plastic = effects.adhesion, effects.plastic
+        self.asks_reach = "inverse_reach" in effects.asks_for
+        self.asks_spin = "relative_spin" in effects.asks_for
+        self.asks_inertia = contacts.shares_inertia
         if self.rubs:
             self.tangential_table = coefficients["tangential"].table
+        self.winds = self.rolls and bool(law.rolling.history)
+        if self.rolls:
+            self.rolling_table = coefficients["rolling"].table
         self.has_substrate = substrate_material >= 0
         self.coupled = substrate is not None
         self.substrate, self.substrate_material = substrate, substrate_material
@@ -79,9 +83,9 @@ class Forces:
         i, j = self.contacts.ends[p].i, self.contacts.ends[p].j
         body, spin = self.particles.body[i], self.particles.spin[i]
         normal, overlap, velocity = vec3(0.0), -1.0, body.velocity
-        surface_spin, mean_spin = vec3(0.0), 0.5 * spin.omega
+        surface_spin, mean_spin, relative_spin = vec3(0.0), 0.5 * spin.omega, spin.omega
         radius, mass = body.radius, 0.0
-        smaller, material = body.radius, 0
+        smaller, material, inverse_reach = body.radius, 0, 0.0
         touched = self.contacts.touching[p] != APART
         if j >= 0:
             partner = self.particles.body[j]
@@ -96,6 +100,8 @@ class Forces:
                 omega = self.particles.spin[j].omega
                 surface_spin = (partner.radius - 0.5 * overlap) * omega
                 mean_spin += 0.5 * omega
+                relative_spin -= omega
+                inverse_reach = 1.0 / reach
                 radius = body.radius * partner.radius / reach
                 mass = 1.0 / (body.inverse_mass + partner.inverse_mass)
                 smaller = ti.min(body.radius, partner.radius)
@@ -130,66 +136,127 @@ class Forces:
                 mass,
                 time_step,
             )
-            if overlap > 0.0:
-                self.apply_laws(p, contact, spin.material, material)
+            if ti.static(self.asks_reach):
+                contact.inverse_reach = inverse_reach
+            if ti.static(self.asks_spin):
+                contact.relative_spin = relative_spin
+            if ti.static(self.asks_inertia):
+                contact.rolling_inertia = 1.0 / self.shared_inverse_inertia(i, j, touched)
+            if self.is_closed(p, contact, touched, spin.material, material):
+                lateral = vec3(0.0)
                 if ti.static(self.coupled):
                     if j == SUBSTRATE:
-                        self.contacts.result[p].force += self.substrate.lateral_force(i)
+                        lateral = self.substrate.lateral_force(i)
+                self.apply_laws(p, contact, velocity, lateral, spin.material, material)
                 if overlap > self.control.deepest[None] * smaller:
                     self.control.raise_flag(TOO_DEEP)
             else:
-                self.open(p, contact)
+                self.open(p, contact, velocity)
 
     @ti.func
-    def apply_laws(self, p, contact, first, second):
-        """Every law of the scene, on a contact of materials ``first`` and ``second``."""
+    def is_closed(self, p, contact, touched, first, second):
+        """Whether a contact is made, or still held, by materials ``first`` and ``second``."""
+        closed = contact.overlap > 0.0
+        if ti.static(self.adhesion):
+            if touched:
+                history = self.contacts.History()
+                if ti.static(self.contacts.has_history):
+                    history = self.contacts.history[p]
+                k = self.normal_table[first, second]
+                closed = self.normal.holds(contact, k, history) != 0
+            if ti.static(self.coupled):  # settled before its forces were solved for
+                if self.contacts.ends[p].j == SUBSTRATE:
+                    closed = self.substrate.is_held(self.contacts.ends[p].i)
+        return closed
+
+    @ti.func
+    def shared_inverse_inertia(self, i, j, touched):
+        """1/I = n_i/I_i + n_j/I_j; a contact that has just been made counts among the n."""
+        inverse = self.inverse_inertia(i, touched)
+        if j >= 0:
+            inverse += self.inverse_inertia(j, touched)
+        return inverse
+
+    @ti.func
+    def inverse_inertia(self, i, touched):
+        body, number = self.particles.body[i], self.contacts.number[i]
+        if not touched:
+            number += 1
+        return 2.5 * number * body.inverse_mass / (body.radius * body.radius)
+
+    @ti.func
+    def apply_laws(self, p, contact, velocity, lateral, first, second):
+        """Every law of the scene, on a contact of materials ``first`` and ``second`` whose centres
+        move at ``velocity``; ``lateral`` is the force of a tilted surface."""
         history = self.contacts.History()
         if ti.static(self.contacts.has_history):
             history = self.contacts.history[p]
         normal = self.normal.force(contact, self.normal_table[first, second], history)
-        force, friction = normal.total * contact.normal, vec3(0.0)
+        push, friction, torque = normal.total * contact.normal + lateral, vec3(0.0), vec3(0.0)
         if ti.static(self.rubs):
             friction = self.tangential.force(
                 contact, normal, self.tangential_table[first, second], history
             )
-            force += friction
+        if ti.static(self.rolls):
+            torque = self.rolling.torque(
+                contact, normal, self.rolling_table[first, second], history
+            )
         if ti.static(self.contacts.dissipates):
-            self.book(p, contact, normal.elastic - normal.total, friction)
+            drag = normal.elastic - normal.total
+            self.book(p, contact, velocity, push, drag, friction, torque)
         if ti.static(self.contacts.has_history):
             self.contacts.history[p] = history
-        self.contacts.result[p].force = force
-        self.contacts.result[p].couple = contact.normal.cross(friction)
+        self.contacts.result[p].force = push + friction
+        if ti.static(self.rubs):
+            self.contacts.result[p].couple = contact.normal.cross(friction)
+        if ti.static(self.rolls):
+            self.contacts.result[p].torque = torque
         self.contacts.result[p].half_overlap = 0.5 * contact.overlap
+        if ti.static(self.plastic):
+            if contact.time_step == 0.0 and self.contacts.touching[p] == APART:
+                self.take_as_given(p)
         self.contacts.touching[p] = TOUCHING
 
     @ti.func
-    def open(self, p, contact):
-        """A contact ends, and forgets; what its spring still held is lost."""
+    def open(self, p, contact, velocity):
+        """A contact ends, and forgets; what its springs still held is lost."""
         if ti.static(self.contacts.dissipates):
-            self.book(p, contact, 0.0, vec3(0.0))
+            self.book(p, contact, velocity, vec3(0.0), 0.0, vec3(0.0), vec3(0.0))
         if ti.static(self.contacts.has_history):
             self.contacts.history[p] = self.contacts.History()
         self.contacts.touching[p] = APART
 
     @ti.func
-    def book(self, p, contact, drag, friction):
-        """The work of dashpot and friction over the step that led here, by the trapezoidal rule
-        that makes Verlet's own work exact: mean force of the two ends, velocity between them."""
-        drag_before, friction_before = 0.0, vec3(0.0)
-        if self.contacts.touching[p] == HELD:  # forces are not carried over: take these
-            drag_before, friction_before = drag, friction
-        elif self.contacts.touching[p] == TOUCHING:
-            drag_before = self.contacts.result[p].drag
-            friction_before = self.contacts.result[p].couple.cross(contact.normal)
-        power = (drag_before + drag) * contact.normal_velocity - (friction_before + friction).dot(
-            contact.tangential_velocity
-        )
+    def book(self, p, contact, velocity, push, drag, friction, torque):
+        """The work of dashpot, friction and rolling over the step that led here, by the trapezoidal
+        rule that makes Verlet's own work exact: mean force of the two ends, velocity between them.
+        Of plastic laws, whose elastic force keeps some of its work, all work of the contact."""
+        push_before, drag_before, friction_before = vec3(0.0), 0.0, vec3(0.0)
+        torque_before = vec3(0.0)
+        if self.contacts.touching[p] == TOUCHING:
+            before = self.contacts.result[p]
+            if ti.static(self.rubs):
+                friction_before = before.couple.cross(contact.normal)
+            if ti.static(self.rolls):
+                torque_before = before.torque
+            if ti.static(self.plastic):
+                push_before = before.force - friction_before
+            else:
+                drag_before = before.drag
+        power = 0.0
+        if ti.static(self.plastic):
+            power = -(push_before + push).dot(velocity)
+        else:
+            power = (drag_before + drag) * contact.normal_velocity
+            self.contacts.result[p].drag = drag
+        power -= (friction_before + friction).dot(contact.tangential_velocity)
+        if ti.static(self.rolls):
+            power -= (torque_before + torque).dot(contact.relative_spin)
         self.contacts.lost[p] += 0.5 * contact.time_step * power
-        self.contacts.result[p].drag = drag
 
     @ti.func
     def stored(self, p):
-        """Elastic energy of a touching contact, normal and tangential, J."""
+        """Elastic energy of a touching contact, J: normal, tangential, rolling."""
         i, j = self.contacts.ends[p].i, self.contacts.ends[p].j
         body = self.particles.body[i]
         radius, material = body.radius, 0
@@ -201,29 +268,44 @@ class Forces:
             material = self.substrate_material
         else:
             material = self.boundaries.face[FIRST_FACE - j].material
-        history, energy = self.contacts.History(), vec2(0.0)
+        history, energy = self.contacts.History(), vec3(0.0)
         if ti.static(self.contacts.has_history):
             history = self.contacts.history[p]
         contact = at_rest(2.0 * self.contacts.result[p].half_overlap, radius, 1.0)
-        k = self.normal_table[self.particles.spin[i].material, material]
-        energy[0] = self.normal.energy(contact, k, history)
+        own = self.particles.spin[i].material
+        energy[0] = self.normal.energy(contact, self.normal_table[own, material], history)
         if ti.static(self.rubs):
             energy[1] = self.tangential.energy(history)
+        if ti.static(self.winds):
+            energy[2] = self.rolling.energy(contact, self.rolling_table[own, material], history)
         return energy
+
+    @ti.func
+    def take_as_given(self, p):
+        """What a plastic contact holds of which no step has been booked was put in before."""
+        energy = self.stored(p)
+        self.contacts.lost[p] += energy[0]
+        if ti.static(self.coupled):
+            if self.contacts.ends[p].j == SUBSTRATE:
+                self.contacts.lost[p] += self.substrate.stored(self.contacts.ends[p].i)
 
     @ti.func
     def gather(self, i):
         """Force and torque on particle ``i``, summed in the order of its partners' ids."""
         force, torque, radius = vec3(0.0), vec3(0.0), self.particles.body[i].radius
+        number = 0
         for q in range(self.contacts.incidence_start[i], self.contacts.incidence_start[i + 1]):
             entry = self.contacts.incidence[q]
             p = entry >> 1
             if self.contacts.touching[p] != APART:
-                if entry & 1 == 1:
-                    force -= self.contacts.result[p].force
-                else:
-                    force += self.contacts.result[p].force
+                number += 1
+                sign = 1.0 - 2.0 * (entry & 1)
+                force += sign * self.contacts.result[p].force
                 if ti.static(self.rubs):
                     arm = radius - self.contacts.result[p].half_overlap
                     torque -= arm * self.contacts.result[p].couple
+                if ti.static(self.rolls):
+                    torque += sign * self.contacts.result[p].torque
+        if ti.static(self.asks_inertia):
+            self.contacts.number[i] = number
         return force, torque

@@ -7,6 +7,7 @@ one finds its many small partners, and no small one has to look far.
 from taichi_dem.boundaries import Boundaries
 from taichi_dem.contact_list import APART, FIRST_FACE, SUBSTRATE, TOUCHING, ContactList
 from taichi_dem.control import Control
+from taichi_dem.effects import Effects
 from taichi_dem.grid import BLOCK, Grid
 from taichi_dem.particles import Particles
 from taichi_dem.types import ti
@@ -24,12 +25,14 @@ class Neighbors:
         grid: Grid,
         control: Control,
         has_substrate: bool,
+        effects: Effects,
     ):
         self.particles, self.boundaries = particles, boundaries
         self.contacts, self.grid = contacts, grid
         self.control, self.has_substrate = control, has_substrate
         self.walls = boundaries.face_count
         self.room = contacts.room
+        self.adhesion, self.reach = effects.adhesion, effects.reach
 
     # -- history ---------------------------------------------------------------------------------
 
@@ -48,8 +51,7 @@ class Neighbors:
                     if ti.static(self.contacts.has_history):
                         self.contacts.old_history[filed] = self.contacts.history[p]
                     if ti.static(self.contacts.dissipates):  # their work is a trapezoid's
-                        self.contacts.old_drag[filed] = self.contacts.result[p].drag
-                        self.contacts.old_couple[filed] = self.contacts.result[p].couple
+                        self.contacts.old_result[filed] = self.contacts.result[p]
                     filed += 1
             self.contacts.old_end[row] = filed
 
@@ -72,8 +74,7 @@ class Neighbors:
             if found < end:
                 touching = TOUCHING
                 if ti.static(self.contacts.dissipates):
-                    self.contacts.result[p].drag = self.contacts.old_drag[found]
-                    self.contacts.result[p].couple = self.contacts.old_couple[found]
+                    self.contacts.result[p] = self.contacts.old_result[found]
         self.contacts.touching[p] = touching
         if ti.static(self.contacts.has_history):
             if touching == APART:
@@ -139,6 +140,8 @@ class Neighbors:
         ti.loop_config(serialize=self.particles.few)
         for i in range(self.particles.count):
             self.sort_incident(i)
+            if ti.static(self.contacts.shares_inertia):
+                self.contacts.number[i] = self.contacts.count_touching(i)
 
     @ti.func
     def search(self, s, i, found: ti.template(), first, room):
@@ -146,6 +149,8 @@ class Neighbors:
         ``room`` of them from ``first`` on."""
         near, ranks = ti.static(self.grid.near, self.grid.rank)
         skin = self.control.skin[None]
+        if ti.static(self.adhesion):
+            skin += self.reach
         position, radius, rank = near[s].position, near[s].radius, ranks[s]
         mask = ti.Vector(self.grid.mask)
         reach = ti.cast(ti.ceil((2 * radius + skin) / self.grid.cell_size[None]), ti.i32)
@@ -175,11 +180,24 @@ class Neighbors:
                     found[first + number] = FIRST_FACE - wall
                 number += 1
         if ti.static(self.has_substrate):
-            if position[2] < own:
+            near_ground = position[2] < own
+            if ti.static(self.adhesion):  # also one that is held where the others pull it up
+                near_ground |= self.was_on_substrate(i)
+            if near_ground:
                 if number < room:
                     found[first + number] = SUBSTRATE
                 number += 1
         return number
+
+    @ti.func
+    def was_on_substrate(self, i):
+        """Whether ``i`` has a contact with the substrate on file, which is the last of its own."""
+        row = self.particles.spin[i].id
+        first, end = self.contacts.old_start[row], self.contacts.old_end[row]
+        found = False
+        if first < end:
+            found = self.contacts.old_partner[end - 1] == SUBSTRATE
+        return found
 
     @ti.func
     def height_above(self, wall, position):

@@ -46,7 +46,7 @@ def run(
     from taichi_dem.simulation import Simulation, SimulationStopped
 
     with plain_warnings():
-        sim = Simulation(scene, plan.dt)
+        sim = Simulation(scene, plan.dt, energy_balance=plan.energy_balance)
         steps, simulated = length(plan, sim.dt)
         print(f"{count(steps, 'step')} of {quantity(sim.dt, 's')}, {sim.dt_reason}", flush=True)
         folders.clear(folder)

@@ -78,7 +78,6 @@ class Scene:
     def __post_init__(self) -> None:
         problems = [*self._kind_problems(), *set_vectors(self, "gravity")]
         problems.append(_not_yet("period", self.period, "periodic sides are"))
-        problems += self._law_problems()
         if not any(problems):
             object.__setattr__(self, "boundaries", tuple(self.boundaries))
             problems += self._name_problems()
@@ -127,16 +126,6 @@ class Scene:
             check("substrate", self.substrate, Substrate | None, "a Substrate or None"),
             None if hasattr(self.law, "normal") else Problem("law", self.law, "must be a Law"),
         ]
-
-    def _law_problems(self) -> list[Problem | None]:
-        """Laws that exist as functions of one contact, but that no step applies yet."""
-        normal, rolling = getattr(self.law, "normal", None), getattr(self.law, "rolling", None)
-        kind = type(normal).__name__
-        found = [_not_yet("law.rolling", rolling, "rolling laws in a scene are")]
-        if getattr(normal, "adhesive", False) or hasattr(normal, "stiffness_ratio"):
-            rule = f"{kind} in a scene is not available yet: must be Hertz or Hooke"
-            found.append(Problem("law.normal", normal, rule))
-        return found
 
     def _name_problems(self) -> list[Problem]:
         names = [material.name for material in self.materials]

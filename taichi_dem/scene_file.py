@@ -45,6 +45,7 @@ class Run:
     dt: float | None = parameter("s", "time step", default=None, above=0.0)
     frames: float | None = parameter("s", "time between frames", default=None, above=0.0)
     history: float | None = parameter("s", "time between lines", default=None, above=0.0)
+    energy_balance: bool = True
 
     def __post_init__(self) -> None:
         problems = []
@@ -54,6 +55,9 @@ class Run:
                 problems.append(Problem("steps", self.steps, "must be a whole number >= 1"))
             if self.duration is not None:
                 problems.append(Problem("steps", self.steps, "give duration or steps, not both"))
+        if not isinstance(self.energy_balance, bool):
+            rule = "must be true or false: whether what is lost is summed up"
+            problems.append(Problem("energy_balance", self.energy_balance, rule))
         validate(self, *problems, name="run")
 
 

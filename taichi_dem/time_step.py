@@ -4,10 +4,15 @@ A contact of two bodies swings with the half period pi sqrt(m*/k); velocity Verl
 with twenty steps.  The stiffness k grows with the overlap, so it is taken at an overlap that the
 scene can reach: that of an impact at the highest speed to be expected, and at least 2 % of the
 radius.  A substrate shared by many contacts makes each of them softer, never stiffer.
+
+The spring of a rolling law swings with pi sqrt(I/(k_r R*)), and is followed as well.  A dashpot,
+which sees the velocity of half a step before, must not reverse it within a step: its step is half
+of its time constant, m*/c.  That of friction also turns the spheres, and has 3.5/m* in place of
+1/m*; as a share of the normal one it matters beyond about one half.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +22,7 @@ from taichi_dem.material import Material
 from taichi_dem.scene import Scene
 
 STEPS_PER_CONTACT = 20
+STEP_OF_DASHPOT = 0.5  # of its time constant: a sphere may have several
 LONGEST_WAY = 0.1  # of the smallest radius, in one step at the speed to be expected
 LEAST_OVERLAP = 0.02  # of the effective radius
 MOST_OVERLAP = 0.3
@@ -24,7 +30,7 @@ MOST_OVERLAP = 0.3
 
 @dataclass(frozen=True)
 class StableStep:
-    """``value`` (s) and the contact that sets it, in words."""
+    """``value`` (s) and what sets it, in words."""
 
     value: float
     reason: str
@@ -41,9 +47,37 @@ class _Smallest:
     inverse_mass: float
 
 
-def stable_time_step(scene: Scene, normal: Any) -> StableStep:
-    """A twentieth of the shortest contact's half period, and short against the way that a sphere
-    goes in it; ``normal`` are the normal law's ``Coefficients``."""
+@dataclass(frozen=True)
+class _Meeting:
+    """Two bodies, with the effective radius (m), mass (kg) and moment of inertia (kg m2), and the
+    overlap (m) that a contact of theirs can reach."""
+
+    name: str
+    radius: float
+    mass: float
+    inertia: float
+    overlap: float
+    speed: float
+
+    def half_period(self, what: str, mass: float, stiffness: float) -> StableStep:
+        half_period = math.pi * math.sqrt(mass / stiffness)
+        reason = (
+            f"1/{STEPS_PER_CONTACT} of the half period of {what}{self.name}, {half_period:.3g} s "
+            f"at an overlap of {self.overlap:.2g} m (speeds up to {self.speed:.2g} m/s expected)"
+        )
+        return StableStep(half_period / STEPS_PER_CONTACT, reason)
+
+    def decay(self, what: str, rate: float) -> StableStep:
+        reason = (
+            f"{STEP_OF_DASHPOT:g} of the time constant of the {what} dashpot of {self.name}, "
+            f"{1 / rate:.3g} s at an overlap of {self.overlap:.2g} m"
+        )
+        return StableStep(STEP_OF_DASHPOT / rate, reason)
+
+
+def stable_time_step(scene: Scene, coefficients: Mapping[str, Any]) -> StableStep:
+    """A twentieth of the shortest contact's half period, and short against what damps it and the
+    way that a sphere goes in it; ``coefficients`` are the ``Coefficients`` of each law by slot."""
     speed = expected_speed(scene)
     bodies = [_smallest(scene, index) for index in range(len(scene.spheres.materials))]
     walls = [
@@ -52,11 +86,11 @@ def stable_time_step(scene: Scene, normal: Any) -> StableStep:
     ]
     if scene.substrate:
         walls.append(_Smallest("the substrate", scene.substrate.material, 0.0, 0.0))
-    law = scene.law.normal
     candidates = [
-        _of_contact(law, normal.between(a.material, b.material), a, b, speed)
+        candidate
         for k, a in enumerate(bodies)
         for b in (*bodies[k:], *walls)
+        for candidate in _of_contact(scene, coefficients, a, b, speed)
     ]
     if speed > 0:
         way = LONGEST_WAY * float(scene.spheres.radius.min())
@@ -115,20 +149,34 @@ def _smallest(scene: Scene, index: int) -> _Smallest:
 
 
 def _of_contact(
-    law: Any, k: Mapping[str, float], a: _Smallest, b: _Smallest, speed: float
-) -> StableStep:
+    scene: Scene, coefficients: Mapping[str, Any], a: _Smallest, b: _Smallest, speed: float
+) -> Iterator[StableStep]:
+    """The limits that one kind of contact sets."""
+    k = {slot: table.between(a.material, b.material) for slot, table in coefficients.items()}
+    law, normal = scene.law, scene.law.normal
     radius, mass = 1 / (a.curvature + b.curvature), 1 / (a.inverse_mass + b.inverse_mass)
+    inverse_inertia = sum(2.5 * body.inverse_mass * body.curvature**2 for body in (a, b))
     overlap = min(
-        max(LEAST_OVERLAP * radius, _impact_overlap(law, k, radius, mass, speed)),
+        max(LEAST_OVERLAP * radius, _impact_overlap(normal, k["normal"], radius, mass, speed)),
         MOST_OVERLAP * radius,
     )
-    half_period = math.pi * math.sqrt(mass / law.stiffness(k, radius, overlap))
-    met = a.name if a is b else f"{a.name} on {b.name}"
-    reason = (
-        f"1/{STEPS_PER_CONTACT} of the half period of {met}, {half_period:.3g} s at an overlap of "
-        f"{overlap:.2g} m (speeds up to {speed:.2g} m/s expected)"
-    )
-    return StableStep(half_period / STEPS_PER_CONTACT, reason)
+    name = a.name if a is b else f"{a.name} on {b.name}"
+    meeting = _Meeting(name, radius, mass, 1 / inverse_inertia, overlap, speed)
+    stiffness = normal.stiffness(k["normal"], radius, overlap)
+    yield meeting.half_period("", mass, stiffness)
+    dashpot = normal.dashpot(k["normal"], radius, mass, overlap)
+    if dashpot > 0:
+        yield meeting.decay("normal", dashpot / mass)
+    if law.tangential is not None and (tangential := k["tangential"]["damping"] * dashpot) > 0:
+        turning = sum((3.5 if body.curvature else 1.0) * body.inverse_mass for body in (a, b))
+        yield meeting.decay("tangential", tangential * turning)
+    if law.rolling is not None and law.rolling.history:
+        spring = law.rolling.stiffness(k["rolling"], radius, stiffness) * radius
+        if spring > 0:
+            yield meeting.half_period("rolling of ", meeting.inertia, spring)
+            damping = k["rolling"]["damping"] * math.sqrt(meeting.inertia * spring)
+            if damping > 0:
+                yield meeting.decay("rolling", damping / meeting.inertia)
 
 
 def _impact_overlap(

@@ -38,6 +38,7 @@ class CDT:
 
     coefficient_names = ("friction", "damping")
     options = OPTIONS
+    asks_for = ("relative_spin", "rolling_inertia")
 
     def __post_init__(self) -> None:
         validate(self, *option_problems(self))
@@ -51,6 +52,11 @@ class CDT:
     def coefficients(self, a: Material, b: Material) -> dict[str, float]:
         """mu_r and twice the damping ratio; the same for every pair unless ``pairs`` says other."""
         return {"friction": self.rolling_friction, "damping": 2 * self.rolling_damping}
+
+    @staticmethod
+    def stiffness(k: dict[str, float], effective_radius: float, normal_stiffness: float) -> float:
+        """k_r (N), for the time step; ``normal_stiffness`` (N/m) is 2 E* a or more."""
+        return 2.25 * normal_stiffness * k["friction"] ** 2 * effective_radius
 
     @ti.func
     def torque(self, contact, normal, k, history: ti.template()):

@@ -45,6 +45,7 @@ class CDTJKR:
 
     coefficient_names = ("lever", "stiffness", "damping")
     options = OPTIONS
+    asks_for = ("relative_spin", "rolling_inertia")
 
     def __post_init__(self) -> None:
         validate(self, *option_problems(self))
@@ -65,6 +66,11 @@ class CDTJKR:
             "stiffness": 6 * math.pi * work,
             "damping": 2 * self.rolling_damping,
         }
+
+    @staticmethod
+    def stiffness(k: dict[str, float], effective_radius: float, normal_stiffness: float) -> float:
+        """k_r (N), for the time step."""
+        return k["stiffness"] * effective_radius
 
     @ti.func
     def torque(self, contact, normal, k, history: ti.template()):

@@ -63,6 +63,7 @@ class EEPA:
     coefficient_names = ("modulus", "stiffness_ratio", "damping", "surface_energy", "pull_off")
     options = ("overlap_exponent", "adhesion_exponent", "damping", "limit_force")
     adhesive = False  # what sticks lets go at zero overlap
+    asks_for = ("inverse_reach",)
 
     def __post_init__(self) -> None:
         validate(self, *self._problems())
@@ -193,3 +194,12 @@ class EEPA:
         n = self.overlap_exponent
         size = effective_radius if n == 1 else math.sqrt(effective_radius)
         return n * k["stiffness_ratio"] * k["modulus"] * size * overlap ** (n - 1)
+
+    def dashpot(
+        self, k: dict[str, float], effective_radius: float, effective_mass: float, overlap: float
+    ) -> float:
+        """gamma_n (N s/m) at ``overlap``, for the time step."""
+        n = self.overlap_exponent if self.damping == "tangent" else 1.0
+        size = effective_radius if self.overlap_exponent == 1 else math.sqrt(effective_radius)
+        loading = n * k["modulus"] * size * overlap ** (n - 1)
+        return k["damping"] * math.sqrt(loading * effective_mass)

@@ -69,3 +69,11 @@ class Hertz:
     def stiffness(k: dict[str, float], effective_radius: float, overlap: float) -> float:
         """Largest tangent stiffness (N/m) up to ``overlap``, for the time step."""
         return 2 * k["effective_modulus"] * math.sqrt(effective_radius * overlap)
+
+    @staticmethod
+    def dashpot(
+        k: dict[str, float], effective_radius: float, effective_mass: float, overlap: float
+    ) -> float:
+        """c (N s/m) at ``overlap``, for the time step."""
+        stiffness = Hertz.stiffness(k, effective_radius, overlap)
+        return k["damping"] * math.sqrt(stiffness * effective_mass)

@@ -6,6 +6,7 @@ Source: P. A. Cundall and O. D. L. Strack, Geotechnique 29 (1979) 47; the damped
 period gives the restitution e exactly.
 """
 
+import math
 from dataclasses import dataclass
 
 from taichi_dem.contacts.contact import NormalForce
@@ -64,3 +65,10 @@ class Hooke:
     def stiffness(k: dict[str, float], effective_radius: float, overlap: float) -> float:
         """Largest tangent stiffness (N/m) up to ``overlap``, for the time step."""
         return k["stiffness"]
+
+    @staticmethod
+    def dashpot(
+        k: dict[str, float], effective_radius: float, effective_mass: float, overlap: float
+    ) -> float:
+        """c (N s/m), for the time step."""
+        return k["damping"] * math.sqrt(k["stiffness"] * effective_mass)

@@ -95,6 +95,13 @@ class JKR:
 
     @staticmethod
     @ti.func
+    def opening(contact, k):
+        """The overlap (m) at which a contact opens, -3 a_m^2/R*; below it the force stays."""
+        least = k.root_radius * cube_root(contact.effective_radius)
+        return -3.0 * least**4 / contact.effective_radius
+
+    @staticmethod
+    @ti.func
     def force(contact, k, history: ti.template()):
         roots = JKR.roots(contact, k)
         least, root = roots[0] ** 3, roots[1] ** 3
@@ -138,6 +145,14 @@ class JKR:
         for _ in range(10 if root > 0 else 0):
             root -= (root**4 - 4 * least**3 * root - product) / (4 * (root**3 - least**3))
         return 2 * k["effective_modulus"] * root**2
+
+    @staticmethod
+    def dashpot(
+        k: dict[str, float], effective_radius: float, effective_mass: float, overlap: float
+    ) -> float:
+        """c (N s/m) at ``overlap``, for the time step."""
+        stiffness = JKR.stiffness(k, effective_radius, overlap)
+        return k["damping"] * math.sqrt(stiffness * effective_mass)
 
     @staticmethod
     def reach(k: dict[str, float], effective_radius: float) -> float:

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import taichi_dem as dem
 from taichi_dem.scene import Box, Material, Piston, Plane, Scene, Spheres, Substrate
 from taichi_dem.validation import InputError
 
@@ -302,17 +301,3 @@ def test_a_packing_in_wrong_units_is_refused_without_listing_every_pair():
     lines = message(scene, spheres=Spheres(x, 10.0, GLASS))
     assert len(lines) == 4 and lines[-1].startswith("spheres.position: and ")
     assert len(message(scene, spheres=Spheres(np.ones((20000, 3)), 10.0, GLASS))) == 4
-
-
-@pytest.mark.parametrize(
-    ("law", "path"),
-    [
-        (dem.Law(dem.JKR(work_of_adhesion=0.1, restitution=0.9)), "law.normal"),
-        (dem.Law(dem.EEPA(restitution=0.5, stiffness_ratio=5)), "law.normal"),
-        (dem.Law(dem.Hertz(0.5), rolling=dem.CDT(rolling_friction=0.1)), "law.rolling"),
-    ],
-)
-def test_laws_that_no_step_applies_yet_are_refused(law, path):
-    spheres = dem.Spheres([[0.0, 0.0, 1.0]], [0.1], dem.Material("m", 1000, 1e6, 0.3))
-    with pytest.raises(dem.InputError, match=rf"{path}.*not available yet"):
-        dem.Scene(spheres=spheres, law=law)

@@ -1,0 +1,134 @@
+"""What a scene calls for, and why: everything else has no field and costs no arithmetic."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from taichi_dem.contacts.law import Law
+from taichi_dem.scene import Scene
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One thing that steps may do; ``reason`` says what calls for it or why it can be left out."""
+
+    name: str
+    on: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class Effects:
+    """The effects of a scene.
+
+    friction, rolling   tangential forces, rolling torques
+    history             what contacts remember: names and types
+    reach               how far past zero overlap a contact can be held, m, at most
+    plastic             elastic forces take energy that they do not give back
+    losses              what is lost is booked
+    balanced            all energy is accounted for
+    asks_for            parts of a ``Contact`` that only some laws want
+    """
+
+    friction: bool
+    rolling: bool
+    history: dict[str, Any]
+    reach: float
+    plastic: bool
+    losses: bool
+    balanced: bool
+    asks_for: frozenset[str]
+    listed: tuple[Effect, ...]
+
+    @property
+    def rotation(self) -> bool:
+        """Whether something can turn a sphere."""
+        return self.friction or self.rolling
+
+    @property
+    def adhesion(self) -> bool:
+        """Whether contacts are held past zero overlap."""
+        return self.reach > 0
+
+
+def effects_of(scene: Scene, energy_balance: bool = True) -> Effects:
+    """The effects of ``scene``; ``energy_balance`` False leaves out what is lost."""
+    law = scene.law
+    normals = list(_normal_laws(scene))
+    losing = [
+        *(["friction"] if law.tangential is not None else []),
+        *(["rolling"] if law.rolling is not None else []),
+        *(["the normal law"] if any(normal.dissipates for normal, *_ in normals) else []),
+    ]
+    history = {name: kind for part in law.parts().values() for name, kind in part.history}
+    found: dict[str, Any] = {
+        "friction": law.tangential is not None,
+        "rolling": law.rolling is not None,
+        "history": history,
+        "reach": _reach(scene),
+        "plastic": energy_balance and any(normal.plastic for normal, *_ in normals),
+        "losses": energy_balance and bool(losing),
+        "balanced": energy_balance or not losing,
+        "asks_for": frozenset(
+            name for part in law.parts().values() for name in getattr(part, "asks_for", ())
+        ),
+    }
+    return Effects(**found, listed=tuple(_listed(scene, found, losing, energy_balance)))
+
+
+def _normal_laws(scene: Scene) -> Iterator[tuple[Any, Any, Any]]:
+    for a in scene.materials:
+        for b in scene.materials:
+            yield scene.law.between("normal", a.name, b.name), a, b
+
+
+def _reach(scene: Scene) -> float:
+    """No contact has a larger R* than the largest sphere's with a wall."""
+    largest = float(scene.spheres.radius.max())
+    return max(
+        law.reach(law.coefficients(a, b), largest) if law.adhesive else 0.0
+        for law, a, b in _normal_laws(scene)
+    )
+
+
+def _listed(
+    scene: Scene, found: dict[str, Any], losing: list[str], energy_balance: bool
+) -> Iterator[Effect]:
+    law: Law = scene.law
+    turning = [
+        *(["friction"] if found["friction"] else []),
+        *(["rolling resistance"] if found["rolling"] else []),
+    ]
+    makes = "makes" if len(turning) == 1 else "make"
+    yield Effect(
+        "rotation",
+        bool(turning),
+        f"because {' and '.join(turning)} {makes} torque" if turning else "nothing makes torque",
+    )
+    held = [f"{name} ({slot} law)" for slot, p in law.parts().items() for name, _ in p.history]
+    yield Effect(
+        "history",
+        bool(held),
+        f"of each contact: {', '.join(held)}" if held else "no law remembers anything",
+    )
+    yield Effect(
+        "adhesion",
+        found["reach"] > 0,
+        f"holds contacts up to {found['reach']:.3g} m past zero overlap, so that they are sought "
+        "that much farther"
+        if found["reach"] > 0
+        else "no contact is held past zero overlap",
+    )
+    if not losing:
+        reason = "nothing is lost"
+    elif not energy_balance:
+        reason = "energy_balance is false"
+    else:
+        reason = f"is summed up: {', '.join(losing)}"
+    yield Effect("dissipation", found["losses"], reason)
+    moving = [str(k) for k, wall in enumerate(scene.boundaries) if wall.moves]
+    yield Effect(
+        "moving boundaries",
+        bool(moving),
+        f"boundary {', '.join(moving)}" if moving else "no boundary moves",
+    )

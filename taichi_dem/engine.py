@@ -22,7 +22,7 @@ from taichi_dem.meeting import Meeting
 from taichi_dem.neighbors import Neighbors
 from taichi_dem.pace import Pace, Skin
 from taichi_dem.particles import Particles
-from taichi_dem.scene import Scene
+from taichi_dem.scene import Scene, Spheres
 from taichi_dem.types import ti
 from taichi_dem.views import ParticleState, contact_records
 
@@ -83,12 +83,12 @@ class Engine:
         self._make_list(CONTACTS_PER_PARTICLE * spheres.count + 64)
         self._start()
 
-    def restart(self, scene: Scene, time_step: float) -> None:
-        """Go back to step 0 in the state of ``scene``, which differs from the one before in where
-        its spheres are and how they move, and in nothing else; without new kernels."""
-        self.scene, self.time_step = scene, time_step
+    def restart(self, spheres: Spheres, time_step: float) -> None:
+        """Go back to step 0 with ``spheres``, the scene's in another place and motion; without new
+        kernels."""
+        self.time_step = time_step
         self.control.restart(time_step)
-        self.particles.fill(scene.spheres)
+        self.particles.fill(spheres)
         self.boundaries.fill(self._place)
         if self.exchange is not None:
             self.exchange.restart()

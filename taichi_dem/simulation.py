@@ -17,7 +17,7 @@ from taichi_dem.exchange import ground_of
 from taichi_dem.forces import Coefficients
 from taichi_dem.guards import SimulationStopped
 from taichi_dem.pace import WAYS
-from taichi_dem.scene import Scene
+from taichi_dem.scene import Scene, Spheres
 from taichi_dem.schedule import Schedule, interruptible
 from taichi_dem.time_step import StableStep, stable_time_step
 from taichi_dem.validation import InputError, Problem, Range, number_problem, unknown
@@ -109,12 +109,15 @@ class Simulation:
         changed = {name: values for name, values in given.items() if values is not None}
         spheres = dataclasses.replace(self._built_with, **changed)
         self.scene = dataclasses.replace(self.scene, spheres=spheres)
+        self._restart(spheres, dt)
+
+    def _restart(self, spheres: Spheres, dt: float | None) -> None:
+        """Without a look at whether the scene makes sense."""
         self.warnings.clear()
         self._memo.clear()
-        self._outcome = "not run yet"
+        self._outcome, self.steps = "not run yet", 0
         self.dt, self.dt_reason = self._choose_step(dt)
-        self.steps = 0
-        self._engine.restart(self.scene, self.dt)
+        self._engine.restart(spheres, self.dt)
         self._first_energy = _total(self._energy_parts())
 
     # -- running ---------------------------------------------------------------------------------

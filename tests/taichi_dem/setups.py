@@ -1,6 +1,7 @@
 """What the physics tests share: materials, scenes in one line, and a way to start one compiled
 simulation again from another state (a Simulation costs seconds to compile, a restart none)."""
 
+import dataclasses
 from contextlib import contextmanager
 
 import numpy as np
@@ -41,9 +42,11 @@ def scene(position, radius, material=GLASS, velocity=0.0, omega=0.0, **rest):
 def restart(sim, position=None, velocity=0.0, omega=0.0, dt=None):
     """Put ``sim`` back to time zero in another state (that of the scene unless given), with no
     memory of contacts; ``dt`` changes its step."""
-    shape = sim.particles.position.shape
-    velocity, omega = (np.broadcast_to(values, shape) for values in (velocity, omega))
-    sim.restart(position, velocity, omega, dt=sim.dt if dt is None else dt)
+    spheres = sim.scene.spheres
+    position = spheres.position if position is None else position
+    velocity, omega = (np.broadcast_to(values, position.shape) for values in (velocity, omega))
+    moved = dataclasses.replace(spheres, position=position, velocity=velocity, omega=omega)
+    sim._restart(moved, sim.dt if dt is None else dt)  # also what a scene would refuse
     return sim
 
 

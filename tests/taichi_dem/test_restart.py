@@ -88,7 +88,7 @@ def test_warnings_and_counters_start_again(used):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         sim.restart(velocity=fast)
-        sim.run(steps=60)
+        sim.run(steps=20)
         assert sim.warnings["fast_impacts"] > 0
         sim.restart(dt=1.5 * sim.stable.value)
         assert set(sim.warnings) == {"time_step"}

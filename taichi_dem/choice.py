@@ -60,16 +60,18 @@ class Choice:
         """For people."""
         yield f"settings: {described(self.settings)}, limited by {self.limit}"
         part = "before trajectories part" if self.chaotic else "of the run"
-        yield f"expected error {self.expected:.2g} over the first {quantity(self.window, 's')} {part}"
+        over = quantity(self.window, "s")
+        yield f"expected error {self.expected:.2g} over the first {over} {part}"
 
 
 def choose(scene: Scene, duration: float, asked: float) -> Choice:
     """The cheapest settings whose error over ``duration`` (s) is ``asked``: the worst of those that
     :func:`taichi_dem.accuracy.errors` gives, as long as trajectories are comparable."""
-    return _choose(Pilot(scene, duration), asked)
+    return choose_by(Pilot(scene, duration), asked)
 
 
-def _choose(pilot: Pilot, asked: float) -> Choice:
+def choose_by(pilot: Pilot, asked: float) -> Choice:
+    """:func:`choose`, by the runs of a pilot that there is already."""
     coarse = pilot.tight.but("step", pilot.stable)
     settings, used = _coupling(pilot, coarse, asked)
     settings, more = _residual(pilot, settings, asked)

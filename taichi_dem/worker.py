@@ -3,10 +3,10 @@
 It is spoken to in lines of JSON. The first says what to compute: ``scene`` (path), ``settings``
 (its ``step`` may be null: the stable one), ``window`` (s), ``samples``; the answer says how long it
 took to compile. Each further line asks for one run from the start: ``member`` (0: as the scene is;
-k: the k-th perturbed start), ``step`` (s, null: that of the settings), ``save`` (where the record is
-to go, null: none is made, and the answer has the seconds that the steps took). It ends when there
-are no more lines, and waits without using the processor between two of them: processes can take
-turns.
+k: the k-th perturbed start), ``step`` (s, null: that of the settings), ``save`` (where the record
+is to go; null: none is made, and the answer has the seconds that the steps took). It ends when
+there are no more lines, and waits without using the processor between two of them: processes can
+take turns.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import os
 import sys
 import time
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -51,10 +52,8 @@ def _prepare(asked: dict[str, Any], answers: TextIO) -> tuple[Any, dict[str, Any
     scene, _ = scene_file.read(asked["scene"])
     settings = Settings(**asked["settings"])
     sim = Simulation(settings.applied(scene), settings.step or None, skin=settings.skin)
-    try:
+    with suppress(SimulationStopped):  # the runs themselves will say so
         sim.run(steps=WARM_UP_STEPS)
-    except SimulationStopped:  # the runs themselves will say so
-        pass
     sim.contacts()
     sim.energy()
     _answer(answers, built=time.perf_counter() - start, stable=sim.stable.value)

@@ -31,7 +31,7 @@ class Worker:
         self, scene: Path, settings: Settings, window: float, samples: int, step: float | None
     ):
         self._abandoned = True  # until it has answered, and while it has not
-        self._said = tempfile.TemporaryFile("w+", encoding="utf-8")
+        self._said = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115
         path = os.pathsep.join([str(PACKAGE), *filter(None, [os.environ.get("PYTHONPATH")])])
         self._process = subprocess.Popen(
             [sys.executable, "-m", "taichi_dem.worker"],

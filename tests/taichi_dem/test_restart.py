@@ -121,7 +121,7 @@ def test_a_stopped_run_starts_again(used):
 
 
 def test_no_result_depends_on_the_skin(used):
-    sim, first = used
+    _, first = used
     wide = dem.Simulation(bed(), skin=0.3 * R)
     assert outcome(wide)[0] == first[0]
     with pytest.raises(dem.InputError, match="skin"):

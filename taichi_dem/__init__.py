@@ -20,6 +20,7 @@ _HOMES = {
     "taichi_dem.contacts.law": ("Law",),
     "taichi_dem.guards": ("SimulationStopped",),
     "taichi_dem.simulation": ("Simulation",),
+    "taichi_dem.studies": ("study",),
     "taichi_dem.output": ("Frames", "History", "Progress", "State", "Summary"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

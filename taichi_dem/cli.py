@@ -63,11 +63,34 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.set_defaults(command=_run)
 
+    run.add_argument(
+        "--error",
+        type=float,
+        metavar="SHARE",
+        help="choose time step, tolerances and coupling so that this error is met: 1e-3",
+    )
+
     check = commands.add_parser(
         "check", help="say what a scene would compute, and how long it would take; writes nothing"
     )
     _add_scene(check)
     check.set_defaults(command=_check)
+
+    study = commands.add_parser(
+        "study", help="what accuracy costs in time: turn every knob, and compare"
+    )
+    _add_scene(study)
+    study.add_argument(
+        "-o", "--output", type=Path, metavar="FOLDER", help="default: out/NAME.study for NAME.toml"
+    )
+    study.add_argument(
+        "--knobs",
+        nargs="+",
+        metavar="KNOB",
+        help="step, tolerance, residual, coupling, exchange, precision, skin; default: all",
+    )
+    study.add_argument("--rounds", type=int, default=3, help="runs that a time is the median of")
+    study.set_defaults(command=_study)
 
     plot = commands.add_parser("plot", help="draw the pictures of a run again")
     plot.add_argument("folder", type=Path, help="of a run")
@@ -97,7 +120,7 @@ def _run(asked: argparse.Namespace) -> int:
 
     folder = asked.output or Path("out") / asked.scene.stem
     try:
-        run(asked.scene, folder, asked.set, asked.duration, asked.overwrite)
+        run(asked.scene, folder, asked.set, asked.duration, asked.overwrite, asked.error)
     except SimulationStopped as stop:
         _complain(f"stopped: {stop}")
         return STOPPED
@@ -114,6 +137,28 @@ def _check(asked: argparse.Namespace) -> int:
         check(asked.scene, asked.set, asked.duration)
     except SimulationStopped as stop:
         _complain(f"the run would be stopped: {stop}")
+        return STOPPED
+    return DONE
+
+
+def _study(asked: argparse.Namespace) -> int:
+    from taichi_dem.studies import study
+
+    _check_environment()
+    from taichi_dem.workers import WorkerFailed
+
+    folder = asked.output or Path("out") / f"{asked.scene.stem}.study"
+    try:
+        study(
+            asked.scene,
+            folder,
+            asked.knobs,
+            asked.duration,
+            overrides=asked.set,
+            rounds=asked.rounds,
+        )
+    except WorkerFailed as error:
+        _complain(f"stopped: {error}")
         return STOPPED
     return DONE
 

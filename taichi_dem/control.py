@@ -30,6 +30,11 @@ class Control:
         self.time_step[None], self.deepest[None] = time_step, deepest
         self.gravity[0] = gravity
 
+    def restart(self, time_step: float) -> None:
+        """Step 0, with steps of ``time_step`` (s), and nothing to complain of."""
+        self.step[None], self.time_step[None] = 0, time_step
+        self.flags.fill(0)
+
     @ti.func
     def raise_flag(self, reason: ti.template()):
         self.flags[reason] = 1

@@ -23,7 +23,7 @@ from taichi_dem.meeting import Meeting
 from taichi_dem.neighbors import Neighbors
 from taichi_dem.pace import Pace, Skin
 from taichi_dem.particles import Particles
-from taichi_dem.scene import Scene
+from taichi_dem.scene import Scene, Spheres
 from taichi_dem.types import ti
 from taichi_dem.views import ParticleState, contact_records
 
@@ -48,12 +48,14 @@ class Engine:
         time_step: float,
         driver: str,
         max_overlap: float,
+        skin: float | None = None,
     ):
         self.scene, self.time_step, self._coefficients = scene, time_step, coefficients
         self.effects = effects
         spheres, materials = scene.spheres, scene.materials
         place = {material: index for index, material in enumerate(materials)}
         self.mass = spheres.mass
+        self._place = place
         self.material = np.array([place[m] for m in spheres.materials])[spheres.material_index]
 
         builder = ti.FieldsBuilder()
@@ -68,7 +70,7 @@ class Engine:
         self._trees = [builder.finalize()]
         weakref.finalize(self, _destroy, self._trees)
         self.control.fill(time_step, scene.gravity, max_overlap)
-        self.particles.fill()
+        self.particles.fill(spheres)
         self.boundaries.fill(place)
         for table in coefficients.values():
             table.fill()
@@ -76,15 +78,35 @@ class Engine:
             self.exchange.fill()
 
         self._smallest = float(spheres.radius.min())
-        self.skin = Skin(spheres.radius)
+        self.skin = Skin(spheres.radius, skin)
         self.pace = Pace(spheres.count, driver, self.meeting.assembles)
         self._extent = np.maximum(np.ptp(spheres.position, axis=0), 2 * spheres.radius.max())
         self.grid = Grid(self.particles, self._set_skin(), self._extent)
         self._trees.append(self.grid.tree)
         self.lost, self.rebuilds = 0.0, 0
         self._make_list(CONTACTS_PER_PARTICLE * spheres.count + 64)
+        self._start()
+
+    def restart(self, spheres: Spheres, time_step: float) -> None:
+        """Go back to step 0 with ``spheres``, the scene's in another place and motion; without new
+        kernels."""
+        self.time_step = time_step
+        self.control.restart(time_step)
+        self.particles.fill(spheres)
+        self.boundaries.fill(self._place)
+        if self.exchange is not None:
+            self.exchange.restart()
+        self.skin.restart()
+        self.grid.cell_size[None] = self._set_skin()
+        self.energy.loss(True)
+        self.lost, self.rebuilds = 0.0, 0
+        self._start()
+
+    def _start(self) -> None:
+        """Contacts and forces of a state that no step has led to."""
         self._keep_good_state()
-        self.rebuild()
+        self._stop_at_nonsense()
+        self.rebuild(remember=False)
         self._solve_on_host()
         self.drivers.evaluate(0.0)
         self.drivers.note_pushes()

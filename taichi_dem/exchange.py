@@ -135,6 +135,12 @@ class Exchange:
         """Start without a past, as for a state that no step has led to."""
         self.ground.fill(0)
 
+    def restart(self) -> None:
+        """:meth:`forget`, and count from zero again."""
+        self.forget()
+        for counter in (self.fast_impacts, self.wide_contacts, self.solver.applications):
+            counter[None] = 0
+
     def counts(self) -> tuple[int, int]:
         """Impacts too fast and contacts too wide for the half-space, so far."""
         return int(self.fast_impacts[None]), int(self.wide_contacts[None])

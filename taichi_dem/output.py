@@ -16,8 +16,10 @@ from typing import Any, TextIO
 
 import numpy as np
 
+from taichi_dem import scene_file
 from taichi_dem.frames import Frames
 from taichi_dem.progress import Progress
+from taichi_dem.scene_file import Run
 from taichi_dem.snapshot import FILE, Snapshot
 from taichi_dem.validation import InputError, Problem
 from taichi_dem.writing import Output, check_every, check_points, replacing, write_text
@@ -158,11 +160,19 @@ class Summary:
     Written at start with the outcome "running", which a killed run keeps, and at finish. What
     ``sim.summary()`` returns is added and takes precedence; it should hold ``outcome``
     ("finished", "interrupted", "stopped: reason"). Without it the exception that is being handled
-    decides.
+    decides. ``run`` is how the scene is run, for the scene as run; ``notes`` are more entries.
     """
 
-    def __init__(self, folder: Path | str, every: float | None = None):
+    def __init__(
+        self,
+        folder: Path | str,
+        every: float | None = None,
+        *,
+        run: Run | None = None,
+        notes: dict[str, Any] | None = None,
+    ):
         self.folder = Path(folder)
+        self._run, self._notes = run, notes or {}
         self.every = None if every is None else check_every(self, every)
         self._started = False
         self._clock = 0.0
@@ -173,7 +183,7 @@ class Summary:
         self._started = True
         self._clock = time.perf_counter()
         self._first_step = sim.steps
-        sim.scene.to_toml(self.folder / SCENE)
+        scene_file.write(self.folder / SCENE, sim.scene, self._run)
         self._save(sim, outcome="running")
 
     def write(self, sim: Any) -> None:
@@ -204,6 +214,7 @@ class Summary:
         }
         if hasattr(sim, "summary"):
             summary.update(sim.summary())
+        summary.update(self._notes)
         summary.update(fixed)
         write_text(self.folder / SUMMARY, json.dumps(_plain(summary), indent=2) + "\n")
 

@@ -26,9 +26,12 @@ class Skin:
     ``review`` a list has lasted so long that a thinner skin pays, though it is not stale.
     """
 
-    def __init__(self, radius: np.ndarray):
+    def __init__(self, radius: np.ndarray, held: float | None = None):
         diameter = 2 * float(np.quantile(radius, 0.1))
-        self.width, self._least, self._most = 0.1 * diameter, 0.02 * diameter, 0.4 * diameter
+        self._first, self._least, self._most = 0.1 * diameter, 0.02 * diameter, 0.4 * diameter
+        if held is not None:
+            self.hold(held)
+        self.width = self._first
         cost = 4 + 3000 / len(radius)  # of a rebuild, in steps
         self._short, self._long = round(8 * cost), round(24 * cost)
         self._built_at = 0
@@ -37,6 +40,14 @@ class Skin:
     def review(self) -> int:
         """The step at which the list is to be made anew even if it is not stale."""
         return self._built_at + self._long if self.width > self._least else NEVER
+
+    def hold(self, width: float) -> None:
+        """Be ``width`` (m) from now on."""
+        self.width = self._first = self._least = self._most = width
+
+    def restart(self) -> None:
+        """Forget what has been tuned: a run that starts again does what it did before."""
+        self.width, self._built_at = self._first, 0
 
     def start_again(self, step: int) -> None:
         """The simulation went back to ``step``."""

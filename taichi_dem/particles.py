@@ -39,11 +39,11 @@ class Particles:
         builder.dense(ti.i, self.count).place(self.index_of)
         builder.dense(ti.i, self.count).place(self.rank)
         builder.dense(ti.i, self.count).place(self.reference)
-        self._initial = (spheres, mass, material)
+        self._constant = (mass, material)
 
-    def fill(self) -> None:
-        """Write the scene's spheres into the fields."""
-        spheres, mass, material = self._initial
+    def fill(self, spheres: Spheres) -> None:
+        """Write the scene's spheres into the fields, in the user's order."""
+        mass, material = self._constant
         self._fill(
             spheres.position,
             spheres.velocity,

@@ -19,11 +19,12 @@ from taichi_dem import scene_file
 from taichi_dem.output import Frames, History, Output, Progress, State, Summary
 from taichi_dem.scene import Scene
 from taichi_dem.scene_file import Run
-from taichi_dem.validation import InputError, Problem
+from taichi_dem.validation import InputError, Problem, Range, number_problem
 from taichi_dem.wording import clock, count, quantity, span
 
 FRAMES = 100  # in a run whose file does not say how often
 ROWS = 1000  # of history, likewise
+_ERROR = Range("-", "relative error that the run may have", above=0, below=1)
 
 
 def run(
@@ -32,27 +33,32 @@ def run(
     overrides: Sequence[str] = (),
     duration: float | None = None,
     overwrite: bool = False,
+    error: float | None = None,
 ) -> None:
     """Run the scene at ``path``, write into ``folder`` and say on standard output what happened.
 
-    ``overrides`` as in :func:`taichi_dem.scene_file.read`; ``duration`` (s) replaces the file's.
+    ``overrides`` as in :func:`taichi_dem.scene_file.read`; ``duration`` (s) replaces the file's;
+    ``error``: the settings are chosen such that it is met (:mod:`taichi_dem.choice`).
     Raises ``InputError`` before anything is written; ``KeyboardInterrupt`` (Ctrl-C) and
     ``SimulationStopped`` after what was computed has been written, the last good state included.
     """
     scene, plan = read(path, overrides, duration)
+    if error is not None and (problem := number_problem("--error", error, _ERROR)):
+        raise InputError([problem])
     folders.check_free(folder, overwrite)
     print(f"{count(scene.spheres.count, 'sphere')}; compiling …", flush=True)
 
     from taichi_dem.simulation import Simulation, SimulationStopped
 
     with plain_warnings():
+        scene, plan, notes = _settled(scene, plan, error)
         sim = Simulation(scene, plan.dt, energy_balance=plan.energy_balance)
         steps, simulated = length(plan, sim.dt)
         print(f"{count(steps, 'step')} of {quantity(sim.dt, 's')}, {sim.dt_reason}", flush=True)
         folders.clear(folder)
         start = time.perf_counter()
         try:
-            sim.run(steps=steps, outputs=outputs(plan, simulated, folder))
+            sim.run(steps=steps, outputs=outputs(plan, simulated, folder, notes))
         except SimulationStopped as stop:
             _finish(sim, folder, time.perf_counter() - start)
             last = folder / folders.LAST_GOOD
@@ -86,8 +92,32 @@ def length(plan: Run, dt: float) -> tuple[int, float]:
     return steps, steps * dt
 
 
-def outputs(plan: Run, simulated: float, folder: Path) -> list[Output]:
-    """What a run writes; without the vtk library, no frames."""
+def _settled(
+    scene: Scene, plan: Run, error: float | None
+) -> tuple[Scene, Run, dict[str, Any] | None]:
+    """Scene and plan with the settings that an asked error calls for, and what ``summary.json``
+    says of them."""
+    if error is None:
+        return scene, plan, None
+    from taichi_dem.choice import choose
+
+    duration = plan.duration
+    if duration is None:
+        if plan.dt is None:
+            rule = "must be given in s, or as run.steps with run.dt, where an error is asked for"
+            raise InputError([Problem("run.duration", None, rule)])
+        duration = (plan.steps or 1) * plan.dt
+    choice = choose(scene, duration, error)
+    for line in choice.words():
+        print(line, flush=True)
+    plan = dataclasses.replace(plan, dt=choice.settings.step, duration=duration, steps=None)
+    return choice.settings.applied(scene), plan, {"asked_error": choice.summary()}
+
+
+def outputs(
+    plan: Run, simulated: float, folder: Path, notes: dict[str, Any] | None = None
+) -> list[Output]:
+    """What a run writes; without the vtk library, no frames. ``notes`` go to the summary."""
     frames = plan.frames or simulated / FRAMES
     pictured: Output = State(folder, frames)
     if importlib.util.find_spec("vtkmodules"):
@@ -95,7 +125,7 @@ def outputs(plan: Run, simulated: float, folder: Path) -> list[Output]:
     else:
         print("no frames for ParaView: they need the vtk library, pip install 'taichi-dem[view]'")
     history = History(folder, plan.history or simulated / ROWS)
-    return [Summary(folder), history, pictured, Progress(simulated)]
+    return [Summary(folder, run=plan, notes=notes), history, pictured, Progress(simulated)]
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """A scene in motion, as a user runs it and looks at it."""
 
+import dataclasses
 import inspect
 import math
 import time
@@ -18,7 +19,7 @@ from taichi_dem.exchange import ground_of
 from taichi_dem.forces import Coefficients
 from taichi_dem.guards import SimulationStopped
 from taichi_dem.pace import WAYS
-from taichi_dem.scene import Scene
+from taichi_dem.scene import Scene, Spheres
 from taichi_dem.schedule import Schedule, interruptible
 from taichi_dem.time_step import StableStep, stable_time_step
 from taichi_dem.validation import InputError, Problem, Range, number_problem, unknown
@@ -39,6 +40,7 @@ WIDE_WARNING = (
 
 
 _STEP = Range("s", "time step", above=0)
+_SKIN = Range("m", "how far beyond touching contacts are listed", above=0)
 _DEEPEST = Range("-", "share of the smaller radius", above=0, at_most=1)
 
 
@@ -48,8 +50,9 @@ class Simulation:
     dt: s; None takes the stable step (``dt_reason`` says what sets it). driver: "serial", "team"
     (threads that stay together), "parallel" (loops that wake them) or "auto", the fastest of the
     three; the results are the same bits. max_overlap: share of the smaller radius beyond which an
-    overlap stops the run. energy_balance: whether to sum up what is lost, so that
-    :meth:`energy` can tell whether all is accounted for; it takes about a fifth of the time. Raises
+    overlap stops the run. energy_balance: whether to sum up what is lost, so that :meth:`energy`
+    can tell whether all is accounted for; it takes about a fifth of the time. skin: m, how far
+    beyond touching contacts are listed; None tunes it, and no result depends on it. Raises
     ``InputError``.
     """
 
@@ -61,16 +64,20 @@ class Simulation:
         driver: str = "auto",
         max_overlap: float = 0.5,
         energy_balance: bool = True,
+        skin: float | None = None,
     ):
         problems = [number_problem("max_overlap", max_overlap, _DEEPEST)]
         if driver not in DRIVERS:
             problems.append(unknown("driver", driver, driver, DRIVERS, "driver"))
         if dt is not None:
             problems.append(number_problem("dt", dt, _STEP))
+        if skin is not None:
+            problems.append(number_problem("skin", skin, _SKIN))
         if found := [problem for problem in problems if problem]:
             raise InputError(found)
         backend.start()
         self.scene, self.steps = scene, 0
+        self._built_with = scene.spheres
         self.warnings: dict[str, int] = {}
         self._memo: dict[str, Any] = {}
         self._outcome, self._chunk = "not run yet", FIRST_CHUNK
@@ -78,13 +85,45 @@ class Simulation:
         coefficients = {
             slot: Coefficients(scene.law, slot, scene.materials) for slot in scene.law.parts()
         }
-        stable = stable_time_step(scene, coefficients)
-        self.dt, self.dt_reason = self._choose_step(dt, stable)
+        self._coefficients = coefficients
+        self.dt, self.dt_reason = self._choose_step(dt)
         self._ground = ground_of(scene.substrate) if scene.substrate else None
         try:
-            self._engine = Engine(scene, effects, coefficients, self.dt, driver, max_overlap)
+            self._engine = Engine(scene, effects, coefficients, self.dt, driver, max_overlap, skin)
         except SimulationStopped as stop:
             raise InputError([Problem("spheres.position", None, str(stop))]) from None
+        self._first_energy = _total(self._energy_parts())
+
+    def restart(
+        self,
+        position: np.ndarray | None = None,
+        velocity: np.ndarray | None = None,
+        omega: np.ndarray | None = None,
+        *,
+        dt: float | None = None,
+    ) -> None:
+        """Start again at time zero: no contact remembers anything, nothing is counted or warned of.
+
+        position, velocity, omega: (n, 3) in m, m/s, rad/s, those of the scene as it was built where
+        they are None; dt: s, None the stable step. The bits are those of a new ``Simulation``, but
+        nothing is compiled, so that series and ensembles are cheap. Raises ``InputError``, after
+        which the simulation is as it was.
+        """
+        if dt is not None and (problem := number_problem("dt", dt, _STEP)):
+            raise InputError([problem])
+        given = {"position": position, "velocity": velocity, "omega": omega}
+        changed = {name: values for name, values in given.items() if values is not None}
+        spheres = dataclasses.replace(self._built_with, **changed)
+        self.scene = dataclasses.replace(self.scene, spheres=spheres)
+        self._restart(spheres, dt)
+
+    def _restart(self, spheres: Spheres, dt: float | None) -> None:
+        """Without a look at whether the scene makes sense."""
+        self.warnings.clear()
+        self._memo.clear()
+        self._outcome, self.steps = "not run yet", 0
+        self.dt, self.dt_reason = self._choose_step(dt)
+        self._engine.restart(spheres, self.dt)
         self._first_energy = _total(self._energy_parts())
 
     # -- running ---------------------------------------------------------------------------------
@@ -144,7 +183,13 @@ class Simulation:
         self._chunk = max(1, int(SECONDS_PER_CHUNK / per_step))
         self._watch()
 
-    def _choose_step(self, dt: float | None, stable: StableStep) -> tuple[float, str]:
+    @property
+    def stable(self) -> StableStep:
+        """The stable step of the scene, and what sets it."""
+        return stable_time_step(self.scene, self._coefficients)
+
+    def _choose_step(self, dt: float | None) -> tuple[float, str]:
+        stable = self.stable
         if dt is None:
             return stable.value, stable.reason
         if dt > stable.value:

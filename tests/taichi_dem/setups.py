@@ -1,6 +1,7 @@
 """What the physics tests share: materials, scenes in one line, and a way to start one compiled
 simulation again from another state (a Simulation costs seconds to compile, a restart none)."""
 
+import dataclasses
 from contextlib import contextmanager
 
 import numpy as np
@@ -41,28 +42,11 @@ def scene(position, radius, material=GLASS, velocity=0.0, omega=0.0, **rest):
 def restart(sim, position=None, velocity=0.0, omega=0.0, dt=None):
     """Put ``sim`` back to time zero in another state (that of the scene unless given), with no
     memory of contacts; ``dt`` changes its step."""
-    engine, control = sim._engine, sim._engine.control
-    position = sim.scene.spheres.position if position is None else position
-    if dt is not None:
-        sim.dt = engine.time_step = float(dt)
-        control.time_step[None] = sim.dt
-    arrays = [np.array(np.broadcast_to(v, position.shape)) for v in (position, velocity, omega)]
-    engine.particles.write(*arrays)
-    materials = sim.scene.materials
-    engine.boundaries.fill({material: index for index, material in enumerate(materials)})
-    if engine.exchange is not None:
-        engine.exchange.ground.fill(0)
-    sim.steps = control.step[None] = 0
-    control.flags.fill(0)
-    engine.skin._built_at = 0
-    engine.rebuild(remember=False)
-    engine._solve_on_host()
-    engine.drivers.evaluate(0.0)
-    engine.drivers.note_pushes()
-    engine.lost = 0.0
-    sim._memo.clear()
-    sim._first_energy = 0.0
-    sim._first_energy = sim.energy()["balance_error"]
+    spheres = sim.scene.spheres
+    position = spheres.position if position is None else position
+    velocity, omega = (np.broadcast_to(values, position.shape) for values in (velocity, omega))
+    moved = dataclasses.replace(spheres, position=position, velocity=velocity, omega=omega)
+    sim._restart(moved, sim.dt if dt is None else dt)  # also what a scene would refuse
     return sim
 
 
@@ -71,7 +55,7 @@ def skin_held_at(sim, width):
     """Within it, the contact list of ``sim`` always reaches ``width`` (m) beyond touching."""
     engine, skin = sim._engine, sim._engine.skin
     kept = dict(vars(skin))
-    skin.width = skin._least = skin._most = width
+    skin.hold(width)
     engine.grid.cell_size[None] = engine._set_skin()
     yield
     vars(skin).update(kept)

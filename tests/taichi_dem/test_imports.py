@@ -19,7 +19,8 @@ LAYERS = {
     "coupling exchange integrate meeting drivers energy guards views pace engine",
     "simulation": "schedule simulation",
     "outputs": "style wording snapshot frames progress output bed dents plot",
-    "tools": "folder run memory check cli __main__",
+    "tools": "folder run memory check settings record accuracy orders closed_form worker workers "
+    "study_point study_report studies pilot choice cli __main__",
 }
 MAY_IMPORT = {
     "scene": {"scene"},

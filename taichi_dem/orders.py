@@ -1,0 +1,35 @@
+"""The order of convergence of an error, fitted to what was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+ORDERS = np.linspace(0.25, 5.0, 476)
+
+
+def fit(
+    steps: Sequence[float], errors: Sequence[float], reference: float = 0.0
+) -> tuple[float, float] | None:
+    """Order p and constant C of errors C (h^p - h_ref^p) at steps h, in the least squares of the
+    logarithms: a reference that is itself computed with step ``reference`` hides part of the error.
+
+    None where fewer than two errors are positive and finite.
+    """
+    h, e = np.asarray(steps, dtype=float), np.asarray(errors, dtype=float)
+    usable = np.isfinite(e) & (e > 0) & (h > reference)
+    if usable.sum() < 2:
+        return None
+    h, e = h[usable], e[usable]
+    shapes = h[:, None] ** ORDERS - (reference**ORDERS if reference > 0 else 0.0)
+    away = np.log(e)[:, None] - np.log(shapes)
+    spread = away.var(axis=0)
+    best = int(np.argmin(spread))
+    return float(ORDERS[best]), float(np.exp(away[:, best].mean()))
+
+
+def observed(errors: Sequence[float], factor: float = 2.0) -> np.ndarray:
+    """The orders between successive ``errors`` at steps divided by ``factor``."""
+    values = np.asarray(errors, dtype=float)
+    return np.log(values[:-1] / values[1:]) / np.log(factor)

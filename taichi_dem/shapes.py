@@ -119,8 +119,6 @@ class Piston(Boundary):
     load: float | None = parameter("N", "along the normal", default=None)
     mass: float | None = parameter("kg", "mass of the plate", default=None, above=0.0)
 
-    moves = True
-
     def __post_init__(self) -> None:
         problems = [
             *set_vectors(self, "point", "normal"),

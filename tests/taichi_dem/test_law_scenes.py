@@ -75,7 +75,7 @@ def scene_of_pairs(law):
 
 
 def twin_of(law):
-    radius_i, radius_j, wall, start = start_of_pairs()
+    radius_i, radius_j, wall, _ = start_of_pairs()
     other_e, other_nu = np.where(wall, 1e6, 2e5), np.where(wall, 0.25, 0.4)
     modulus = composite_modulus(2e5, 0.4, other_e, other_nu)
     shear = composite_shear_modulus(2e5, 0.4, other_e, other_nu)

@@ -14,7 +14,16 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import report
 
-NAMES = ("settled_bed", "hydrogel", "rebuild", "memory", "startup", "substrate_step", "asked_error")
+NAMES = (
+    "settled_bed",
+    "hydrogel",
+    "rebuild",
+    "memory",
+    "startup",
+    "substrate_step",
+    "asked_error",
+    "hard_cases",
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,0 +1,148 @@
+"""What a hard case is: a scene that is known to break codes, run under each driver and exchange
+that it says, and figures that must stay within bounds which follow from physics or the scheme."""
+
+import math
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+import taichi_dem as dem
+from tests.taichi_dem.setups import EPS
+
+DRIVERS = ("serial", "parallel")
+VERLET_LIMIT = 2.0  # omega dt at which velocity Verlet ceases to be stable
+
+
+@dataclass(frozen=True)
+class Figure:
+    """``value`` must not exceed ``bound``; not-a-number exceeds everything."""
+
+    what: str
+    value: float
+    bound: float
+
+    @property
+    def holds(self) -> bool:
+        return bool(self.value <= self.bound)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How a case is run."""
+
+    driver: str
+    exchange: str | None = None
+
+    def simulation(self, scene: dem.Scene, **options) -> dem.Simulation:
+        """``scene`` under this driver and, if it has a substrate, this exchange; quiet."""
+        if self.exchange is not None and scene.substrate is not None:
+            substrate = replace(scene.substrate, exchange=self.exchange)
+            scene = replace(scene, substrate=substrate)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return dem.Simulation(scene, driver=self.driver, **options)
+
+    def __str__(self) -> str:
+        return self.driver if self.exchange is None else f"{self.driver}, {self.exchange}"
+
+
+@dataclass(frozen=True)
+class Case:
+    """``run(setting)`` yields the figures."""
+
+    name: str
+    run: Callable[[Setting], Iterable[Figure]]
+    settings: tuple[Setting, ...]
+
+    def figures(self, setting: Setting) -> list[Figure]:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)
+            return list(self.run(setting))
+
+
+CASES: list[Case] = []
+
+
+def hard(name: str, *values, exchanges: tuple[str | None, ...] = (None,), drivers=DRIVERS):
+    """Register a case, or one for each of ``values``, which ``name`` and the function then take."""
+
+    def register(run):
+        settings = tuple(Setting(*both) for both in product(drivers, exchanges))
+        if not values:
+            CASES.append(Case(name, run, settings))
+        for value in values:
+            CASES.append(Case(name.format(value), _with(run, value), settings))
+        return run
+
+    return register
+
+
+def _with(run, value):
+    return lambda setting: run(setting, value)
+
+
+# -- figures that many cases share -----------------------------------------------------------------
+
+
+def finite(sim: dem.Simulation) -> Figure:
+    """How many numbers of the state are not finite."""
+    state = sim.particles
+    values = np.hstack([state.position, state.velocity, state.omega, state.force])
+    return Figure("numbers not finite", float((~np.isfinite(values)).sum()), 0)
+
+
+def energy(
+    sim: dem.Simulation, scale: float, share: float, what="energy unaccounted for"
+) -> Figure:
+    """The balance error over ``scale`` (J): energy made from nothing, or lost without a word."""
+    return Figure(what, abs(sim.energy()["balance_error"]) / scale, share)
+
+
+def wobble(sim: dem.Simulation) -> float:
+    """The share by which Verlet's energy may swing: (omega dt)^2 / 4 covers a spring that stiffens,
+    at the twentieth of a half period that the stable step is, scaled by the step in use."""
+    return 0.25 * (math.pi / 20 * sim.dt / stable_step(sim)) ** 2
+
+
+def stable_step(sim: dem.Simulation) -> float:
+    """The step that ``sim`` would have chosen."""
+    from taichi_dem.forces import Coefficients
+    from taichi_dem.time_step import stable_time_step
+
+    scene = sim.scene
+    tables = {slot: Coefficients(scene.law, slot, scene.materials) for slot in scene.law.parts()}
+    return stable_time_step(scene, tables["normal"]).value
+
+
+def momentum(sim: dem.Simulation, before: np.ndarray, scale: float, steps: int) -> Figure:
+    """Change of the spheres' momentum over ``scale`` (kg m/s): rounding alone, step by step."""
+    change = np.abs(total_momentum(sim) - before).max() / scale
+    return Figure("momentum made", float(change), 8 * EPS * max(steps, 1) ** 0.5 + 8 * EPS)
+
+
+def total_momentum(sim: dem.Simulation) -> np.ndarray:
+    state = sim.particles
+    return (state.mass[:, None] * state.velocity).sum(axis=0)
+
+
+def kinetic(sim: dem.Simulation) -> float:
+    return float(sim.energy()["kinetic"])
+
+
+def outcome(run: Callable[[], object]) -> BaseException | None:
+    """What ``run()`` raises."""
+    try:
+        run()
+    except Exception as error:
+        return error
+    return None
+
+
+def refused(error: BaseException | None, kind: type, *words: str) -> Iterator[Figure]:
+    """That it was refused, in words that help."""
+    yield Figure("not refused", 0.0 if isinstance(error, kind) else 1.0, 0)
+    text = str(error)
+    yield Figure("words missing", float(sum(word not in text for word in words)), 0)

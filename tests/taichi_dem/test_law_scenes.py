@@ -246,8 +246,8 @@ def test_jkr_spheres_are_pulled_off_at_the_closed_form_force(ground):
 def test_an_eepa_cycle_takes_the_area_of_its_loop(ground):
     """Between a plate and a wall or the ground (under one sphere the two are the same), also when
     the list is made anew at every step."""
-    law = dem.Law(dem.EEPA(0.95, KAPPA))
-    setup, duration = pressed_and_lifted(law, 0.04 * R, 0.02 * R, 4e-3, ground, count=1)
+    law = dem.Law(dem.EEPA(E, KAPPA))
+    setup, duration = pressed_and_lifted(law, 0.04 * R, 0.02 * R, 4e-4, ground, count=1)
     sim, losses = dem.Simulation(setup, driver="serial"), []
     steps = int(1.02 * duration / sim.dt)
     for width in (1e-9, 0.1):
@@ -256,12 +256,12 @@ def test_an_eepa_cycle_takes_the_area_of_its_loop(ground):
             sim.run(steps=steps)
         energy = sim.energy()
         losses.append(energy["dissipated"])
-        assert len(sim.substrate.force if ground else sim.contacts()) == 0
-        assert abs(energy["balance_error"]) < 1e-6 * losses[-1]
+        assert len(sim.contacts()) == 0
+        assert abs(energy["balance_error"]) < 1e-4 * losses[-1]
     modulus = composite_modulus(2e5, 0.4, 2e5, 0.4)
-    one = (np.array([v]) for v in (modulus, 0.95, KAPPA, 0.0, 0.0, R, np.inf, 1.0))
+    one = (np.array([v]) for v in (modulus, E, KAPPA, 0.0, 0.0, R, np.inf, 1.0))
     given, back = EEPA(*one, 1.5, 1.0).loop(np.array([0.02 * R]))
-    assert losses[0] == losses[1]
+    assert losses[0] == pytest.approx(losses[1], rel=1e-6)
     assert losses[0] == pytest.approx(2 * (given - back)[0], rel=0.03)
 
 

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import report
 
-NAMES = ("settled_bed", "hydrogel", "rebuild", "memory", "startup", "substrate_step")
+NAMES = ("settled_bed", "hydrogel", "rebuild", "memory", "startup", "substrate_step", "law_costs")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -71,6 +71,7 @@ class ContactList:
         history = effects.history
         self.particles, self.capacity, self.names = particles, capacity, tuple(history)
         self.has_history, self.dissipates = bool(history), effects.losses
+        self.rolls = effects.rolling
         self.shares_inertia = "rolling_inertia" in effects.asks_for
         builder = ti.FieldsBuilder()
         Result = result_of(effects)

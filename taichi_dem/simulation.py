@@ -302,9 +302,30 @@ class Simulation:
             force=force,
             expansion=expansion,
             slope=slope,
-            contact_radius=np.sqrt(self.scene.spheres.radius[rows] * records["overlap"]),
+            contact_radius=self._contact_radius(rows, records["overlap"]),
             ground=self._ground,
         )
+
+    def _contact_radius(self, rows: np.ndarray, overlap: np.ndarray) -> np.ndarray:
+        """Of contacts of the spheres ``rows`` with the substrate, m."""
+        scene, radius = self.scene, self.scene.spheres.radius[rows]
+        if not self.effects.adhesion:
+            return np.sqrt(radius * overlap)
+        assert scene.substrate is not None
+        law, soil = scene.law, scene.substrate.material
+        kinds = [
+            law.between("normal", material.name, soil.name) for material in scene.spheres.materials
+        ]
+        k = [
+            kind.coefficients(material, soil)
+            for kind, material in zip(kinds, scene.spheres.materials, strict=True)
+        ]
+        which = scene.spheres.material_index[rows]
+        found = [
+            law.normal.contact_radius(k[m], r, d)
+            for m, r, d in zip(which, radius, overlap, strict=True)
+        ]
+        return np.array(found)
 
     def _boundary_states(self) -> list[BoundaryState]:
         records = self.contacts()
@@ -313,6 +334,8 @@ class Simulation:
             mine = records[records["j"] == FIRST_FACE - b]
             position, velocity = self._engine.boundaries.state(b)
             torque = np.cross(mine["position"] - position, -mine["force"]).sum(axis=0)
+            if self.effects.rolling:
+                torque -= mine["torque"].sum(axis=0)
             states.append(BoundaryState(-mine["force"].sum(axis=0), torque, position, velocity))
         return states
 

@@ -72,6 +72,7 @@ def _copy_contacts(
     ends: ti.types.ndarray(),
     overlap: ti.types.ndarray(),
     force: ti.types.ndarray(),
+    torque: ti.types.ndarray(),
 ) -> ti.i32:
     """Touching contacts, in the order of the ids of their first spheres; returns their number."""
     found = 0
@@ -87,6 +88,8 @@ def _copy_contacts(
                 overlap[found] = 2.0 * contacts.result[p].half_overlap
                 for axis in ti.static(range(3)):
                     force[found, axis] = contacts.result[p].force[axis]
+                    if ti.static(contacts.rolls):
+                        torque[found, axis] = contacts.result[p].torque[axis]
                 found += 1
     return found
 
@@ -96,16 +99,16 @@ def contact_records(
 ) -> np.ndarray:
     """One record per touching contact: i, j (>= 0 sphere, -1 substrate, -2-b boundary b), face
     (-1 where there is none), overlap (m), force on i (N), position of the contact (m), normal from
-    j to i, and what the laws remember, by name."""
+    j to i; with a rolling law, its torque on i (N m); and what the laws remember, by name."""
     room = max(1, contacts.count())
     ends, overlap = np.empty((room, 3), np.int32), np.empty(room)
-    force = np.empty((room, 3))
-    found = _copy_contacts(contacts, particles, ends, overlap, force)
-    ends, overlap, force = ends[:found], overlap[:found], force[:found]
-    order = np.lexsort((ends[:, 1], ends[:, 0]))
-    ends, overlap, force = ends[order], overlap[order], force[order]
+    force, torque = np.empty((2, room, 3))
+    found = _copy_contacts(contacts, particles, ends, overlap, force, torque)
+    order = np.lexsort((ends[:found, 1], ends[:found, 0]))
+    ends, overlap, force, torque = ends[order], overlap[order], force[order], torque[order]
 
-    remembered = contacts.remembered(ends[:, 2])
+    named = {"torque": torque} if contacts.rolls else {}
+    named |= contacts.remembered(ends[:, 2])
     layout = [
         ("i", np.int32),
         ("j", np.int32),
@@ -114,7 +117,7 @@ def contact_records(
         ("force", float, 3),
         ("position", float, 3),
         ("normal", float, 3),
-        *((name, float, values.shape[1:]) for name, values in remembered.items()),
+        *((name, float, values.shape[1:]) for name, values in named.items()),
     ]
     records = np.zeros(found, dtype=layout)
     i, j = ends[:, 0], ends[:, 1]
@@ -134,6 +137,6 @@ def contact_records(
     records["normal"] = normal
     arm = state.radius[i] - 0.5 * overlap
     records["position"] = state.position[i] - arm[:, None] * normal
-    for name, values in remembered.items():
+    for name, values in named.items():
         records[name] = values
     return records

@@ -38,6 +38,7 @@ def settled(bed):
         ("memory", "-n", str(2 * FEW)),
         ("startup", "-n", str(FEW), "--rounds", "1", "--patience", "0"),
         ("substrate_step", "-n", str(FEW), "-g", str(FEW // 4), *QUICK),
+        ("law_costs", "-n", str(FEW), "--laws", "JKR", "EEPA, Mindlin, CDT", *QUICK),
     ],
     ids=lambda arguments: arguments[0],
 )

@@ -51,6 +51,10 @@ def short(script, folder):
         packing = folder.with_suffix(".data")
         packing.write_text(BEADS)
         return packing, "--out", folder, "--duration", 0.01
+    if script == "powder_compaction.py":
+        return "-o", folder, "--grains", 30, "--duration", 2e-4
+    if script == "rolling_to_rest.py":
+        return "-o", folder, "--duration", 0.01
     if script == "thin_layer.py":
         return "-o", folder, "--points", 4
     pytest.fail(f"say how to run a short version of {script}")

@@ -139,12 +139,21 @@ class JKR:
     def stiffness(k: dict[str, float], effective_radius: float, overlap: float) -> float:
         """Largest tangent stiffness (N/m) up to ``overlap``, for the time step: 2 E* a is above
         it, and differs little where the contact is pressed."""
+        radius = JKR.contact_radius(k, effective_radius, overlap)
+        return 2 * k["effective_modulus"] * radius
+
+    @staticmethod
+    def contact_radius(k: dict[str, float], effective_radius: float, overlap: float) -> float:
+        """a (m) at ``overlap``, that at pull-off below it."""
         least = k["root_radius"] * effective_radius ** (1 / 3)
-        product = effective_radius * overlap
-        root = product**0.25 + 4 ** (1 / 3) * least  # above the root of t^4 - 4 t_m^3 t = R* d
-        for _ in range(10 if root > 0 else 0):
-            root -= (root**4 - 4 * least**3 * root - product) / (4 * (root**3 - least**3))
-        return 2 * k["effective_modulus"] * root**2
+        product = max(effective_radius * overlap, -3 * least**4)
+        root = max(product, 0.0) ** 0.25 + 4 ** (1 / 3) * least  # above that of the quartic
+        for _ in range(60):  # a double root at pull-off is found by halves
+            slope = 4 * (root**3 - least**3)
+            if not slope > 0:
+                break
+            root -= (root**4 - 4 * least**3 * root - product) / slope
+        return max(root, least) ** 2
 
     @staticmethod
     def dashpot(

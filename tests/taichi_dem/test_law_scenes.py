@@ -9,11 +9,12 @@ from test_determinism import assert_same_bits, everything
 from twins import Motion, Pair, composite_modulus, composite_shear_modulus
 
 import taichi_dem as dem
+from halfspace import reference
 from taichi_dem import engine
 
 GEL = dem.Material("gel", density=1000, youngs_modulus=2e5, poissons_ratio=0.4)
 STONE = dem.Material("stone", density=2000, youngs_modulus=1e6, poissons_ratio=0.25)
-R, WORK, GAMMA, KAPPA, E = 2e-3, 0.02, 8.0, 3.0, 0.7
+R, WORK, GAMMA, KAPPA, E = 2e-3, 0.02, 0.1, 3.0, 0.7
 SPEED = 0.2
 PAIRS, ON_WALL = 6, 6
 
@@ -119,7 +120,7 @@ def test_impacts_equal_those_of_the_twin(pairs, name):
     sim = pairs(name)
     spheres, wall = sim.scene.spheres, start_of_pairs()[2]
     restart(sim, velocity=spheres.velocity, omega=spheres.omega)
-    steps, every = 1500, 100
+    steps, every = 1500, 25
     path = twin_of(LAWS[name]).run(start_of_pairs()[3], sim.dt, steps)
     counts, least = [], []
     for k in range(0, steps + 1, every):
@@ -134,8 +135,9 @@ def test_impacts_equal_those_of_the_twin(pairs, name):
         counts.append(len(sim.contacts()))
         least.append(sim.contacts()["overlap"].min(initial=0.0))
         sim.run(steps=every)
-    assert counts[0] == 0 and max(counts) > len(wall) / 2
-    assert 0 < counts[-1] < max(counts)  # some stick, some part
+    met = np.any(path[-1].v_i != path[0].v_i, axis=1)
+    assert counts[0] == 0 and met.sum() > len(wall) / 2
+    assert 0 < counts[-1] < met.sum()  # some stick, some part
     assert (min(least) < 0) == ("JKR" in name)
 
 
@@ -224,11 +226,8 @@ GROUND = dem.Material("ground", density=1000, youngs_modulus=2e5, poissons_ratio
 def test_jkr_spheres_are_pulled_off_at_the_closed_form_force(ground):
     """-3/2 pi W R each, from a wall and from a ground that gives way under all of them; the plate,
     which sticks better, keeps them, and they part where the law says."""
-    law = dem.Law(
-        dem.JKR(WORK, 0.01), pairs={("gel", "plate"): {"normal": dem.JKR(3 * WORK, 0.01)}}
-    )
-    depth, lift = 0.02 * R, 0.05 * R
-    setup, duration = pressed_and_lifted(law, depth, lift, 2e-3, ground)
+    law = dem.Law(dem.JKR(WORK, 0.5), pairs={("gel", "plate"): {"normal": dem.JKR(3 * WORK, 0.5)}})
+    setup, duration = pressed_and_lifted(law, 0.01 * R, 0.02 * R, 2e-4, ground)
     sim, seen = dem.Simulation(setup, driver="serial"), []
     steps = int(duration / sim.dt)
     for _ in range(150):
@@ -247,8 +246,8 @@ def test_jkr_spheres_are_pulled_off_at_the_closed_form_force(ground):
 def test_an_eepa_cycle_takes_the_area_of_its_loop(ground):
     """Between a plate and a wall or the ground (under one sphere the two are the same), also when
     the list is made anew at every step."""
-    law = dem.Law(dem.EEPA(0.95, KAPPA))
-    setup, duration = pressed_and_lifted(law, 0.04 * R, 0.0, 4e-3, ground, count=1)
+    law = dem.Law(dem.EEPA(E, KAPPA))
+    setup, duration = pressed_and_lifted(law, 0.04 * R, 0.02 * R, 4e-4, ground, count=1)
     sim, losses = dem.Simulation(setup, driver="serial"), []
     steps = int(1.02 * duration / sim.dt)
     for width in (1e-9, 0.1):
@@ -258,11 +257,11 @@ def test_an_eepa_cycle_takes_the_area_of_its_loop(ground):
         energy = sim.energy()
         losses.append(energy["dissipated"])
         assert len(sim.contacts()) == 0
-        assert energy["external_work"] == pytest.approx(losses[-1] + energy["kinetic"], rel=1e-6)
+        assert abs(energy["balance_error"]) < 1e-4 * losses[-1]
     modulus = composite_modulus(2e5, 0.4, 2e5, 0.4)
-    one = (np.array([v]) for v in (modulus, 0.95, KAPPA, 0.0, 0.0, R, np.inf, 1.0))
+    one = (np.array([v]) for v in (modulus, E, KAPPA, 0.0, 0.0, R, np.inf, 1.0))
     given, back = EEPA(*one, 1.5, 1.0).loop(np.array([0.02 * R]))
-    assert losses[0] == losses[1]
+    assert losses[0] == pytest.approx(losses[1], rel=1e-6)
     assert losses[0] == pytest.approx(2 * (given - back)[0], rel=0.03)
 
 
@@ -272,8 +271,10 @@ def test_an_eepa_cycle_takes_the_area_of_its_loop(ground):
 def test_a_sphere_rolls_out_at_a_constant_rate_and_lies_still():
     """CDT on a level wall: (5/7) mu_r g from start to end, then not a bit of motion along it."""
     speed, g = 0.05, 9.81
+    modulus = composite_modulus(2e5, 0.4, 1e6, 0.25)
+    height = R - float(reference.hertz_overlap(GEL.density * 4 / 3 * np.pi * R**3 * g, R, modulus))
     setup = scene(
-        [(0, 0, R), (10 * R, 0, R)],
+        [(0, 0, height), (10 * R, 0, height)],
         [R, R],
         GEL,
         [(speed, 0, 0), (0, -speed, 0)],

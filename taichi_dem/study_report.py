@@ -112,7 +112,7 @@ def _compared(study: Any) -> str:
             f"trajectories stay comparable over all {whole}: errors are those of trajectories, "
             "contact forces, energy, depression and pistons, the worst of them counts"
         )
-    samples = study.last / max(1, study.samples) * study.window
+    samples = study.last / study.samples * study.window
     return (
         f"chaotic: trajectories stay comparable over {quantity(samples, 's')} of {whole}; errors "
         "are those of means over an ensemble of perturbed runs, with their uncertainty"

@@ -24,7 +24,7 @@ from taichi_dem.wording import quantity
 
 AIM = 0.8  # of the asked error
 OWN_SHARE = 0.1  # of it, for each knob but the step
-MOST_HALVINGS = 7
+MOST_HALVINGS = 8
 STEADY = 0.25  # that two orders in a row may differ, to go on beyond what was measured
 FARTHEST = 4.0  # times, below the finest step measured
 LOOSE = (1e-1, 1e-2, 1e-3)  # residuals, as shares of the asked error

@@ -26,7 +26,7 @@ AIM = 0.8  # of what is left of a target, for the step
 class Study:
     """What a study found. ``window``: s that it covers, looked at ``samples`` times; ``last``: the
     sample up to which trajectories are comparable, all of them unless the scene is ``chaotic``;
-    ``order``: the one fitted to the errors of the time step, or None."""
+    ``orders``: those fitted to the errors of the time step, by measure."""
 
     folder: Path
     window: float
@@ -34,7 +34,7 @@ class Study:
     chaotic: bool = False
     last: int = 0
     points: list[Point] = dataclasses.field(default_factory=list)
-    order: float | None = None
+    orders: dict[str, float] = dataclasses.field(default_factory=dict)
 
 
 class Bench:
@@ -94,23 +94,32 @@ class Bench:
 
     def combinations(self) -> None:
         """For each target the cheapest values that leave room for each other."""
-        steps = [point for point in self.study.points if point.knob == "step"]
-        fitted = orders.fit(
-            [point.settings.step for point in steps],
-            [point.error for point in steps],
-            self.tight.step,
-        )
+        fitted = self._fit_orders()
         if fitted is None:
             return
-        self.study.order, scale = fitted
-        points = []
+        order, scale = fitted
+        points: list[Point] = []
         for target in TARGETS:
             settings, used = self._loosened(ROOM * target)
             left = AIM * (target - used)
-            step = min((left / scale) ** (1 / self.study.order), self.stable)
-            if step >= 2 * self.tight.step:
-                points.append(Point(f"combined {target:g}", settings.but("step", step)))
+            step = min((left / scale) ** (1 / order), self.stable)
+            settings = settings.but("step", step)
+            new = settings not in [point.settings for point in points]
+            if new and step >= 2 * self.tight.step:
+                points.append(Point(f"combined {target:g}", settings))
         self._measure(points)
+
+    def _fit_orders(self) -> tuple[float, float] | None:
+        """Those of each measure on record; returns order and constant of the worst error."""
+        points = [point for point in self.study.points if point.knob == "step"]
+        steps = [point.settings.step for point in points]
+        for name in points[0].errors if points else ():
+            errors = [point.errors.get(name, float("inf")) for point in points]
+            absolute = name in ("energy drift", "rebound")  # with no other run to compare with
+            found = orders.fit(steps, errors, 0.0 if absolute else self.tight.step)
+            if found is not None:
+                self.study.orders[name] = found[0]
+        return orders.fit(steps, [point.error for point in points], self.tight.step)
 
     def _loosened(self, room: float) -> tuple[Settings, float]:
         """The tightest settings with each knob at the value that saves most among those whose own

@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
+from bobbing import bobbing
 from setups import law, scene
-
 
 import taichi_dem as dem
 from taichi_dem import accuracy, choice, cli, scene_file
@@ -51,24 +51,29 @@ def test_what_cannot_be_met_is_said():
     assert found.limit.startswith("no step below") and found.expected > 1e-7
 
 
-def test_the_error_found_is_about_the_one_asked(tmp_path):
-    """Through the command line: what was chosen is on record, and holds."""
-    asked = 1e-4
+def test_the_error_found_is_about_the_one_asked():
+    asked, pilot = 1e-4, Pilot(bobbing(), 0.01)
+    told = choice.choose_by(pilot, asked)
+    fine = pilot.tight.but("step", told.settings.step / 8)
+    found = accuracy.worst(pilot.distance(told.settings, fine))
+    assert told.limit == "the asked error"
+    assert asked / 3 < found < 2 * asked
+    assert told.expected == pytest.approx(found, rel=0.5)
+
+
+def test_what_was_chosen_is_on_record(tmp_path, monkeypatch):
+    settings = choice.Settings(2e-5, 1e-5, 1e-5, "point", "implicit")
+    made = choice.Choice(settings, 1e-3, 8e-4, 1e-3, False, "the asked error", {})
+    monkeypatch.setattr(choice, "choose", lambda scene, duration, asked: made)
     bobbing().to_toml(tmp_path / "scene.toml")
-    command = ["run", str(tmp_path / "scene.toml"), "--duration", "0.02", "--error", str(asked)]
+    command = ["run", str(tmp_path / "scene.toml"), "--duration", "1e-3", "--error", "1e-3"]
     assert cli.main([*command, "-o", str(tmp_path / "out")]) == cli.DONE
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     told = summary["asked_error"]
     setup, plan = scene_file.read(tmp_path / "out" / "scene.toml")
     assert plan.dt == told["settings"]["step"] == summary["dt_s"]
     assert setup.substrate.residual == told["settings"]["residual"]
-    assert told["asked"] == asked and told["limit"] == "the asked error"
-    pilot = Pilot(bobbing(), 0.02)
-    settings = choice.Settings(**told["settings"])
-    fine = pilot.tight.but("step", settings.step / 8)
-    found = accuracy.worst(pilot.distance(settings, fine))
-    assert asked / 3 < found < 2 * asked
-    assert told["expected"] == pytest.approx(found, rel=0.5)
+    assert (told["asked"], told["expected"]) == (1e-3, 8e-4)
 
 
 def test_trajectories_that_part_end_the_comparison():

@@ -40,7 +40,8 @@ def main() -> None:
         shutil.copy(Path(folder) / "study" / "study.png", HERE / "images" / "study.png")
     print(COLUMNS)
     for point in found.points:
-        name, _, value = point.label.partition(" ")
+        turned = hasattr(point.settings, point.knob)
+        name, value = point.knob, point.label.removeprefix(point.knob) if turned else ""
         alone = "" if point.alone is None else f"{point.alone:.1e}"
         print(f"| {name} | {value} | {point.error:.1e} | {alone} | {point.cost:.2g} |")
 

@@ -93,7 +93,7 @@ class Bench:
         self._measure([*points, Point("as given", self.given)])
 
     def combinations(self) -> None:
-        """For each target the cheapest values that leave room for each other."""
+        """For each target the loosest values that leave room for each other."""
         fitted = self._fit_orders()
         if fitted is None:
             return
@@ -122,16 +122,15 @@ class Bench:
         return orders.fit(steps, [point.error for point in points], self.tight.step)
 
     def _loosened(self, room: float) -> tuple[Settings, float]:
-        """The tightest settings with each knob at the value that saves most among those whose own
-        error is at most ``room``; and the sum of these errors."""
+        """The tightest settings with each knob at the loosest value whose own error is at most
+        ``room``; and the sum of these errors. (Not by the times: these are less certain.)"""
         settings, used = self.tight, 0.0
-        for knob in KNOBS[1:]:
-            found = [p for p in self.study.points if p.knob == knob and p.alone is not None]
-            within = [p for p in found if (p.alone or 0.0) <= room and p.cost < self.twin.cost]
-            if within:
-                best = min(within, key=lambda point: point.cost)
-                settings = settings.but(knob, getattr(best.settings, knob))
-                used += best.alone or 0.0
+        for point in self.study.points:
+            own = float("inf") if point.alone is None else point.alone
+            first = getattr(settings, point.knob, None) == getattr(self.tight, point.knob, None)
+            if point.knob != "skin" and first and own <= room:
+                settings = settings.but(point.knob, getattr(point.settings, point.knob))
+                used += own
         return settings, used
 
     # -- measuring -------------------------------------------------------------------------------

@@ -62,7 +62,8 @@ class Point:
     def label(self) -> str:
         """The point in a few characters."""
         value = getattr(self.settings, self.knob, "")
-        return f"{self.knob} {value:.3g}" if isinstance(value, float) else f"{self.knob} {value}"
+        shown = f"{value:.3g}" if isinstance(value, float) else str(value)
+        return f"{self.knob} {shown}".strip()
 
     @property
     def cost(self) -> float:

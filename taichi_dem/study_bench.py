@@ -9,7 +9,7 @@ from pathlib import Path
 from taichi_dem import accuracy, orders
 from taichi_dem import study_point as table
 from taichi_dem.closed_form import rebound, rebound_error
-from taichi_dem.record import Record
+from taichi_dem.record import Record, even_step
 from taichi_dem.scene import Scene
 from taichi_dem.settings import KNOBS, REFERENCE_STEP, STEPS, Settings, ladder
 from taichi_dem.study_point import TARGETS, Point
@@ -69,9 +69,9 @@ class Bench:
         table.write(self.study.folder, [])
         tight = Settings.tightest(self.scene, 0.0)
         worker = self._worker(tight, None)
-        self.stable = worker.stable
-        self.given = Settings.of(self.scene, given_step or worker.stable)
-        self.tight = tight.but("step", worker.stable * REFERENCE_STEP)
+        self.stable = self._even(worker.stable)  # so that halves are halves
+        self.given = Settings.of(self.scene, self._even(given_step or worker.stable))
+        self.tight = tight.but("step", self.stable * REFERENCE_STEP)
         coarse = [self._reference(worker, member, self.stable) for member in (0, 1)]
         self.study.last = accuracy.comparable(*coarse)
         self.study.chaotic = self.study.last < self.study.samples
@@ -103,9 +103,9 @@ class Bench:
             settings, used = self._loosened(ROOM * target)
             left = AIM * (target - used)
             step = min((left / scale) ** (1 / order), self.stable)
-            settings = settings.but("step", step)
+            settings = settings.but("step", self._even(step))
             new = settings not in [point.settings for point in points]
-            if new and step >= 2 * self.tight.step:
+            if new and settings.step >= 2 * self.tight.step:
                 points.append(Point(f"combined {target:g}", settings))
         self._measure(points)
 
@@ -200,6 +200,10 @@ class Bench:
         if self.study.last < accuracy.FEWEST:
             return {}
         return accuracy.errors(runs[0], references[0], self.study.last)
+
+    def _even(self, step: float) -> float:
+        """The step (s) that is really made."""
+        return even_step(step, self.study.window, self.study.samples)
 
     def _members(self) -> range:
         return range(MEMBERS if self.study.chaotic else 1)

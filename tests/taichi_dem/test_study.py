@@ -95,6 +95,7 @@ def test_results_are_appended(tmp_path):
 # The whole
 
 
+@pytest.mark.slow
 def test_study_of_a_smooth_scene(tmp_path):
     """Second order in the step; what matters is found."""
     said = []

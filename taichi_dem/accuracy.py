@@ -81,14 +81,14 @@ def statistics(run: Record) -> dict[str, float]:
 
 
 def ensemble_errors(
-    runs: Sequence[Mapping[str, float]], references: Sequence[Mapping[str, float]]
+    runs: Sequence[Record], references: Sequence[Record]
 ) -> dict[str, tuple[float, float]]:
     """Relative error of the means of :func:`statistics` over an ensemble, and the standard
     uncertainty of that error, by name."""
+    means = [[statistics(run) for run in ensemble] for ensemble in (runs, references)]
     found = {}
-    for name in references[0]:
-        here = np.array([run.get(name, 0.0) for run in runs])
-        there = np.array([run.get(name, 0.0) for run in references])
+    for name in means[1][0]:
+        here, there = (np.array([each.get(name, 0.0) for each in part]) for part in means)
         scale = abs(there.mean())
         if scale > TINY:
             spread = np.sqrt(_square_of_mean(here) + _square_of_mean(there))
@@ -100,6 +100,11 @@ def worst(found: Mapping[str, float]) -> float:
     """The largest of all errors; infinite where there is none or one is not a number."""
     values = np.array(list(found.values()))
     return float(values.max()) if len(values) and np.isfinite(values).all() else float("inf")
+
+
+def worst_mean(found: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
+    """The largest error of :func:`ensemble_errors`, and its uncertainty."""
+    return max(found.values(), default=(float("inf"), 0.0))
 
 
 def _share(difference: np.ndarray, value: np.ndarray) -> float | None:

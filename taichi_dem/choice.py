@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from taichi_dem import accuracy
+from taichi_dem.guards import SimulationStopped
 from taichi_dem.pilot import Pilot
 from taichi_dem.scene import Scene
 from taichi_dem.settings import Settings
@@ -24,7 +25,7 @@ from taichi_dem.wording import quantity
 
 AIM = 0.8  # of the asked error
 OWN_SHARE = 0.1  # of it, for each knob but the step
-MOST_HALVINGS = 7
+MOST_HALVINGS = 8
 STEADY = 0.25  # that two orders in a row may differ, to go on beyond what was measured
 FARTHEST = 4.0  # times, below the finest step measured
 LOOSE = (1e-1, 1e-2, 1e-3)  # residuals, as shares of the asked error
@@ -121,8 +122,11 @@ def _residual(pilot: Pilot, tight: Settings, asked: float) -> tuple[Settings, fl
 
 
 def _own_error(pilot: Pilot, loose: Settings, tight: Settings) -> float:
-    """What ``loose`` adds at the same step."""
-    found = pilot.distance(loose, tight)
+    """What ``loose`` adds at the same step; infinite where a guard stops it."""
+    try:
+        found = pilot.distance(loose, tight)
+    except SimulationStopped:
+        return math.inf
     if "energy drift" in found:
         before = pilot.distance(tight, tight)["energy drift"]
         found["energy drift"] = max(found["energy drift"] - before, 0.0)

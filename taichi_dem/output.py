@@ -16,7 +16,6 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from taichi_dem import scene_file
 from taichi_dem.frames import Frames
 from taichi_dem.progress import Progress
 from taichi_dem.scene_file import Run
@@ -183,7 +182,7 @@ class Summary:
         self._started = True
         self._clock = time.perf_counter()
         self._first_step = sim.steps
-        scene_file.write(self.folder / SCENE, sim.scene, self._run)
+        sim.scene.to_toml(self.folder / SCENE, self._run)
         self._save(sim, outcome="running")
 
     def write(self, sim: Any) -> None:

@@ -30,21 +30,19 @@ class Pilot:
         self._simulations: dict[Settings, Simulation] = {}
         self._records: dict[Settings, Record] = {}
         self.tight = Settings.tightest(scene, 0.0)
-        self.stable = self._simulation(self.tight).stable.value
-        affordable = MOST_WORK / scene.spheres.count * self.stable
-        self.window = min(duration, affordable)
+        stable = self._simulation(self.tight).stable.value
+        self.window = min(duration, MOST_WORK / scene.spheres.count * stable)
         self.chaotic = False
-        while True:
+        last = 0
+        while last < accuracy.FEWEST:
+            self.stable = even_step(stable, self.window)  # so that halves of it are halves
             first = self.record(self.tight.but("step", self.stable))
-            second = self._run(self.tight, self.stable, 1)
-            last = accuracy.comparable(first, second)
-            if last == first.samples:
-                return
-            self.chaotic = True
-            self.window *= max(last, 1) / first.samples
-            self._records.clear()
-            if last >= accuracy.FEWEST:
-                return
+            last = accuracy.comparable(first, self._run(self.tight, self.stable, 1))
+            if last < first.samples:
+                self.chaotic = True
+                self.window *= max(last, 1) / first.samples
+                self._records.clear()
+        self.stable = even_step(stable, self.window)
 
     def record(self, settings: Settings) -> Record:
         """What a run with ``settings`` gives."""

@@ -105,11 +105,12 @@ class Scene:
 
         return scene_file.read(path, overrides)[0]
 
-    def to_toml(self, path: str | Path) -> None:
-        """Write a scene file that :meth:`from_toml` reads back equal."""
+    def to_toml(self, path: str | Path, run: Any = None) -> None:
+        """Write a scene file that :meth:`from_toml` reads back equal; ``run``, a
+        :class:`taichi_dem.scene_file.Run`, says how to run it."""
         from taichi_dem import scene_file
 
-        scene_file.write(path, self)
+        scene_file.write(path, self, run)
 
     def _kind_problems(self) -> list[Problem | None]:
         def check(path: str, value: Any, kind: Any, what: str) -> Problem | None:

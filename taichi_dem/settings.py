@@ -10,7 +10,7 @@ import numpy as np
 from taichi_dem.scene import Scene
 from taichi_dem.validation import InputError
 
-FINEST = {"tolerance": 1e-8, "residual": 1e-10}
+FINEST_TOLERANCE, FINEST_RESIDUAL = 1e-8, 1e-10
 STEPS = (1.0, 1 / 2, 1 / 4, 1 / 8)  # of the stable step
 REFERENCE_STEP = 1 / 32  # of the stable step
 VALUES: dict[str, tuple[Any, ...]] = {  # from loose to tight
@@ -57,7 +57,7 @@ class Settings:
         if scene.substrate is None:
             return cls(step)
         for coupling in reversed(VALUES["coupling"]):
-            tight = cls(step, **FINEST, coupling=coupling, exchange="implicit")
+            tight = cls(step, FINEST_TOLERANCE, FINEST_RESIDUAL, coupling, "implicit")
             if tight.accepted(scene):
                 return tight
         return cls.of(scene, step)

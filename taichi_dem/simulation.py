@@ -112,7 +112,7 @@ class Simulation:
         if dt is not None and (problem := number_problem("dt", dt, _STEP)):
             raise InputError([problem])
         given = {"position": position, "velocity": velocity, "omega": omega}
-        changed = {name: values for name, values in given.items() if values is not None}
+        changed: Any = {name: values for name, values in given.items() if values is not None}
         spheres = dataclasses.replace(self._built_with, **changed)
         self.scene = dataclasses.replace(self.scene, spheres=spheres)
         self._restart(spheres, dt)

@@ -54,6 +54,18 @@ class Point:
     seconds: list[float] = dataclasses.field(default_factory=list)
 
     @property
+    def stopped(self) -> bool:
+        """Whether it did not get through."""
+        return not self.outcome.startswith(("finished", "not run"))
+
+    @property
+    def label(self) -> str:
+        """The point in a few characters."""
+        value = getattr(self.settings, self.knob, "")
+        shown = f"{value:.3g}" if isinstance(value, float) else str(value)
+        return f"{self.knob} {shown}".strip()
+
+    @property
     def cost(self) -> float:
         """Median wall time per simulated second."""
         return statistics.median(self.seconds) if self.seconds else float("inf")

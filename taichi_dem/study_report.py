@@ -40,8 +40,9 @@ def report(study: Any, say: Callable[[str], None]) -> None:
 def sentences(study: Any) -> Iterator[str]:
     """What was compared, the order, what stopped, and the cheapest setting for each target."""
     yield _compared(study)
-    if study.order is not None:
-        yield f"order of convergence in the time step: {study.order:.2f}"
+    if study.orders:
+        listed = ", ".join(f"{name} {order:.2f}" for name, order in study.orders.items())
+        yield f"orders of convergence in the time step: {listed}"
     for point in study.points:
         if not point.seconds:
             yield f"{point.knob}, {described(point.settings)}: {point.outcome}"
@@ -72,8 +73,8 @@ def picture(study: Any) -> Figure:
     for knob in dict.fromkeys(_kind(point) for point in measured):
         points = [point for point in measured if _kind(point) == knob]
         label = knob
-        if knob == "step" and study.order is not None:
-            label = f"step, order {study.order:.2f}"
+        if knob == "step" and study.orders:
+            label = f"step, order {_of_worst(study, points):.2f}"
         axes.errorbar(
             [point.cost for point in points],
             [max(point.error, FLOOR) for point in points],
@@ -101,6 +102,12 @@ def picture(study: Any) -> Figure:
     return drawing
 
 
+def _of_worst(study: Any, points: list[Point]) -> float:
+    """The order of the measure that is worst at the largest step."""
+    errors = {name: points[0].errors.get(name, 0.0) for name in study.orders}
+    return study.orders[max(errors, key=lambda name: errors[name])]
+
+
 def _kind(point: Point) -> str:
     return point.knob.partition(" 1e")[0].partition(" 0.")[0]
 
@@ -112,7 +119,7 @@ def _compared(study: Any) -> str:
             f"trajectories stay comparable over all {whole}: errors are those of trajectories, "
             "contact forces, energy, depression and pistons, the worst of them counts"
         )
-    samples = study.last / max(1, study.samples) * study.window
+    samples = study.last / study.samples * study.window
     return (
         f"chaotic: trajectories stay comparable over {quantity(samples, 's')} of {whole}; errors "
         "are those of means over an ensemble of perturbed runs, with their uncertainty"

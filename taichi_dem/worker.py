@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import os
+import statistics
 import sys
 import time
 import warnings
@@ -21,7 +22,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 LONG_ENOUGH = 0.3  # s to be timed
-MOST_RUNS = 20
+MOST_RUNS = 300
 WARM_UP_STEPS = 70  # every driver is compiled and has been tried within these
 
 
@@ -78,16 +79,15 @@ def _run(sim: Any, asked: dict[str, Any], order: dict[str, Any]) -> dict[str, An
 
 
 def _time(sim: Any, steps: int) -> float:
-    """Seconds that ``steps`` take from the start; short runs are made over and over."""
-    seconds, runs = 0.0, 0
-    while runs == 0 or (seconds < LONG_ENOUGH and runs < MOST_RUNS):
-        if runs:
+    """Seconds that ``steps`` take from the start; of short runs, the median of many."""
+    seconds: list[float] = []
+    while not seconds or (sum(seconds) < LONG_ENOUGH and len(seconds) < MOST_RUNS):
+        if seconds:
             sim.restart(dt=sim.dt)
         start = time.perf_counter()
         sim.run(steps=steps)
-        seconds += time.perf_counter() - start
-        runs += 1
-    return seconds / runs
+        seconds.append(time.perf_counter() - start)
+    return statistics.median(seconds)
 
 
 if __name__ == "__main__":

@@ -73,7 +73,7 @@ class FakeSimulation:
             gravity=(0.0, 0.0, -9.81),
             period=None,
             spheres=SimpleNamespace(count=n),
-            to_toml=lambda path: path.write_text("gravity = [0.0, 0.0, -9.81]\n"),
+            to_toml=lambda path, run=None: path.write_text("gravity = [0.0, 0.0, -9.81]\n"),
         )
         self.boundaries = [
             SimpleNamespace(

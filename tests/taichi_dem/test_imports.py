@@ -20,7 +20,7 @@ LAYERS = {
     "simulation": "schedule simulation",
     "outputs": "style wording snapshot frames progress output bed dents plot",
     "tools": "folder run memory check settings record accuracy orders closed_form worker workers "
-    "study_point study_report studies pilot choice cli __main__",
+    "study_point study_report study_bench studies pilot choice cli __main__",
 }
 MAY_IMPORT = {
     "scene": {"scene"},

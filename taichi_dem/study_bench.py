@@ -1,0 +1,235 @@
+"""The runs of a study: a reference, and the points that are measured against it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from taichi_dem import accuracy, orders
+from taichi_dem import study_point as table
+from taichi_dem.closed_form import rebound, rebound_error
+from taichi_dem.record import Record, even_step
+from taichi_dem.scene import Scene
+from taichi_dem.settings import KNOBS, REFERENCE_STEP, STEPS, Settings, ladder
+from taichi_dem.study_point import TARGETS, Point
+from taichi_dem.workers import Worker, WorkerFailed
+
+ALIVE = 8  # processes at a time
+MEMBERS = 5  # of an ensemble
+PAIRED = 1 / 4  # of the stable step: that at which knobs other than the step are turned
+ROOM = 0.2  # of a target, for each knob but the step in a combination
+AIM = 0.8  # of what is left of a target, for the step
+
+
+@dataclasses.dataclass
+class Study:
+    """What a study found. ``window``: s that it covers, looked at ``samples`` times; ``last``: the
+    sample up to which trajectories are comparable, all of them unless the scene is ``chaotic``;
+    ``orders``: those fitted to the errors of the time step, by measure."""
+
+    folder: Path
+    window: float
+    samples: int
+    chaotic: bool = False
+    last: int = 0
+    points: list[Point] = dataclasses.field(default_factory=list)
+    orders: dict[str, float] = dataclasses.field(default_factory=dict)
+
+
+class Bench:
+    """Computes ``scene`` over ``window`` (s) again and again; ``study`` grows with every point, and
+    so does the table in ``folder``."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        folder: Path,
+        window: float,
+        samples: int,
+        rounds: int,
+        say: Callable[[str], None],
+    ):
+        self.scene, self.rounds, self.say = scene, rounds, say
+        self.study = Study(folder, window, samples, last=samples)
+        self.records = folder / "records"
+        self.exact = rebound(scene)
+        self.hosted = False
+        self._workers: list[Worker] = []
+
+    def close(self) -> None:
+        """End all processes."""
+        while self._workers:
+            self._workers.pop().close()
+
+    def start(self, given_step: float | None) -> None:
+        """The reference, and whether the scene is chaotic; ``given_step`` (s) is the scene's."""
+        self.say("the reference, and how far it can be compared …")
+        self.records.mkdir()
+        table.write(self.study.folder, [])
+        tight = Settings.tightest(self.scene, 0.0)
+        worker = self._worker(tight, None)
+        self.stable = self._even(worker.stable)  # so that halves are halves
+        self.given = Settings.of(self.scene, self._even(given_step or worker.stable))
+        self.tight = tight.but("step", self.stable * REFERENCE_STEP)
+        coarse = [self._reference(worker, member, self.stable) for member in (0, 1)]
+        self.study.last = accuracy.comparable(*coarse)
+        self.study.chaotic = self.study.last < self.study.samples
+        self.references = [
+            self._reference(worker, member, self.tight.step) for member in self._members()
+        ]
+        self.close()
+
+    def ladders(self, knobs: Sequence[str]) -> None:
+        """The step and each of ``knobs`` turned alone, and the settings that the scene asks for."""
+        steps = ladder("step", self.scene, self.tight, self.stable)
+        points = [Point("step", settings) for settings in steps]
+        self.twin = points[STEPS.index(PAIRED)]
+        for knob in dict.fromkeys(knobs):
+            if knob == "step" or (knob == "tolerance" and not self.hosted):
+                continue
+            turned = ladder(knob, self.scene, self.twin.settings, self.stable)
+            points += [Point(knob, settings) for settings in turned]
+        self._measure([*points, Point("as given", self.given)])
+
+    def combinations(self) -> None:
+        """For each target the loosest values that leave room for each other."""
+        fitted = self._fit_orders()
+        if fitted is None:
+            return
+        order, scale = fitted
+        points: list[Point] = []
+        for target in TARGETS:
+            settings, used = self._loosened(ROOM * target)
+            left = AIM * (target - used)
+            step = min((left / scale) ** (1 / order), self.stable)
+            settings = settings.but("step", self._even(step))
+            new = settings not in [point.settings for point in points]
+            if new and settings.step >= 2 * self.tight.step:
+                points.append(Point(f"combined {target:g}", settings))
+        self._measure(points)
+
+    def _fit_orders(self) -> tuple[float, float] | None:
+        """Those of each measure on record; returns order and constant of the worst error."""
+        points = [point for point in self.study.points if point.knob == "step"]
+        steps = [point.settings.step for point in points]
+        for name in points[0].errors if points else ():
+            errors = [point.errors.get(name, float("inf")) for point in points]
+            absolute = name in ("energy drift", "rebound")  # with no other run to compare with
+            found = orders.fit(steps, errors, 0.0 if absolute else self.tight.step)
+            if found is not None:
+                self.study.orders[name] = found[0]
+        return orders.fit(steps, [point.error for point in points], self.tight.step)
+
+    def _loosened(self, room: float) -> tuple[Settings, float]:
+        """The tightest settings with each knob at the loosest value whose own error is at most
+        ``room``; and the sum of these errors. (Not by the times: these are less certain.)"""
+        settings, used = self.tight, 0.0
+        for point in self.study.points:
+            own = float("inf") if point.alone is None else point.alone
+            first = getattr(settings, point.knob, None) == getattr(self.tight, point.knob, None)
+            if point.knob != "skin" and first and own <= room:
+                settings = settings.but(point.knob, getattr(point.settings, point.knob))
+                used += own
+        return settings, used
+
+    # -- measuring -------------------------------------------------------------------------------
+
+    def _measure(self, points: Sequence[Point]) -> None:
+        """All of ``points``, a few processes at a time, which take turns."""
+        for first in range(0, len(points), ALIVE):
+            batch = points[first : first + ALIVE]
+            self.say(f"{', '.join(point.label for point in batch)} …")
+            pairs = [(point, self._worker_of(point)) for point in batch]
+            for turn in range(self.rounds):
+                for point, worker in pairs:
+                    if worker is not None and (turn == 0 or point.seconds):
+                        self._turn(point, worker)
+            self.close()
+
+    def _turn(self, point: Point, worker: Worker) -> None:
+        """One timed run of a point; before the first one it is looked at."""
+        try:
+            if not point.seconds:
+                self._look(point, worker)
+            if not point.stopped:
+                point.seconds.append(worker.time() / self.study.window)
+        except WorkerFailed as error:
+            point.outcome, point.seconds = f"failed: {error}", []
+        if point not in self.study.points:
+            self.study.points.append(point)
+            table.append(self.study.folder, point)
+
+    def _look(self, point: Point, worker: Worker) -> None:
+        """Run all members of a point's ensemble, and find its errors."""
+        runs = []
+        for member in self._members():
+            path = self.records / f"{len(self.study.points)}.{member}.npz"
+            answer = worker.look(path, member)
+            if "stopped" in answer:
+                point.outcome = f"stopped: {answer['stopped']}"
+                return
+            runs.append(Record.load(path))
+        point.outcome = "finished"
+        self._judge(point, runs)
+
+    def _judge(self, point: Point, runs: list[Record]) -> None:
+        point.errors = self._errors(runs, self.references)
+        if self.exact is not None:
+            before = self.scene.spheres.velocity
+            point.errors["rebound"] = rebound_error(runs[0].velocity, self.exact, before)
+        point.error = accuracy.worst(point.errors)
+        if self.study.chaotic:
+            point.means = accuracy.ensemble_errors(runs, self.references)
+            point.error, point.uncertainty = accuracy.worst_mean(point.means)
+        if point is self.twin:
+            self.twin_runs = runs
+        elif point.knob in KNOBS[1:]:
+            point.alone = self._alone(runs)
+
+    def _alone(self, runs: list[Record]) -> float:
+        """The error of the one knob that is turned: against its twin, of the same step."""
+        if self.study.chaotic:
+            return accuracy.worst_mean(accuracy.ensemble_errors(runs, self.twin_runs))[0]
+        found = self._errors(runs, self.twin_runs)
+        if "energy drift" in found:  # which is no difference of two runs
+            found["energy drift"] -= self.twin.errors["energy drift"]
+        return accuracy.worst(found)
+
+    def _errors(self, runs: list[Record], references: list[Record]) -> dict[str, float]:
+        if self.study.last < accuracy.FEWEST:
+            return {}
+        return accuracy.errors(runs[0], references[0], self.study.last)
+
+    def _even(self, step: float) -> float:
+        """The step (s) that is really made."""
+        return even_step(step, self.study.window, self.study.samples)
+
+    def _members(self) -> range:
+        return range(MEMBERS if self.study.chaotic else 1)
+
+    def _reference(self, worker: Worker, member: int, step: float) -> Record:
+        """A run that must get through."""
+        path = self.records / f"reference.{member}.npz"
+        answer = worker.look(path, member, step)
+        if "stopped" in answer:
+            raise WorkerFailed(f"the reference was stopped: {answer['stopped']}")
+        self.hosted = self.hosted or answer["hosted"]
+        return Record.load(path)
+
+    def _worker_of(self, point: Point) -> Worker | None:
+        """The process of a point, or None where it cannot even be started."""
+        try:
+            worker = self._worker(point.settings, point.settings.step)
+        except WorkerFailed as error:
+            point.outcome = f"failed: {error}"
+            self.study.points.append(point)
+            return None
+        point.built = worker.built
+        return worker
+
+    def _worker(self, settings: Settings, step: float | None) -> Worker:
+        scene = self.study.folder / "scene.toml"
+        worker = Worker(scene, settings, self.study.window, self.study.samples, step)
+        self._workers.append(worker)
+        return worker

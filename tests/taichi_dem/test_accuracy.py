@@ -1,0 +1,136 @@
+"""Measures of error on records made by hand, and closed forms."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from setups import GLASS, law, scene
+
+import taichi_dem as dem
+from taichi_dem import accuracy
+from taichi_dem.closed_form import rebound, rebound_error
+from taichi_dem.record import Record, even_step, record
+
+R = 1e-3
+
+
+def made(samples=8, n=3, seed=1):
+    """A record with all there can be in it."""
+    rng = np.random.default_rng(seed)
+    rows = samples + 1
+    return Record(
+        time=np.linspace(0, 1, rows),
+        position=rng.normal(size=(rows, n, 3)),
+        velocity=rng.normal(size=(n, 3)),
+        balance=1e-3 * rng.normal(size=rows),
+        turnover=np.linspace(1, 2, rows),
+        contact=np.array([[k, 0, 1] for k in range(rows)]),
+        force=rng.normal(size=(rows, 3)),
+        push=rng.normal(size=(rows, 1, 3)),
+        ground=np.ones(rows),
+        depression=rng.uniform(1, 2, 9),
+    )
+
+
+def test_a_run_is_as_it_is():
+    run = made()
+    found = accuracy.errors(run, run, 8)
+    drift = found.pop("energy drift")
+    assert drift == np.abs(run.balance).max() / 2
+    assert set(found) == {"trajectory", "contact force", "piston force", "depression"}
+    assert set(found.values()) == {0.0}
+
+
+def test_errors_are_shares_of_what_there_is():
+    run = made()
+    moved = run.position[0] + 1.01 * (run.position - run.position[0])
+    other = dataclasses.replace(
+        run, position=moved, force=1.02 * run.force, depression=1.03 * run.depression
+    )
+    found = accuracy.errors(other, run, 8)
+    assert found["trajectory"] == pytest.approx(0.01)
+    assert found["contact force"] == pytest.approx(0.02)
+    assert found["depression"] == pytest.approx(0.03)
+    assert accuracy.worst(found) == pytest.approx(0.03)
+    assert "depression" not in accuracy.errors(other, run, 5)  # which is that of the end
+
+
+def test_a_contact_that_is_missing_counts_in_full():
+    run = made()
+    none = dataclasses.replace(run, contact=run.contact[:0], force=run.force[:0])
+    assert accuracy.errors(none, run, 8)["contact force"] == pytest.approx(1.0)
+
+
+def test_what_is_not_a_number_is_no_small_error():
+    assert accuracy.worst({"a": 1e-3, "b": float("nan")}) == float("inf")
+    assert accuracy.worst({}) == float("inf")
+
+
+def test_comparable_until_a_perturbation_has_grown():
+    run = made()
+    away = np.array([1, 2, 5, 50, 90, 101, 50, 1, 1])[:, None, None]
+    other = dataclasses.replace(run, position=run.position + 1e-9 * away)
+    assert accuracy.comparable(run, other) == 4
+    assert accuracy.comparable(run, run) == 8
+
+
+def test_an_ensemble_knows_its_uncertainty():
+    """Runs drawn at random from one distribution: errors are as large as they are said to be."""
+    rng = np.random.default_rng(4)
+    ratios = []
+    for _ in range(200):
+        two = [
+            [
+                dataclasses.replace(made(), depression=np.array([rng.normal(1, 0.1)]))
+                for _ in range(5)
+            ]
+            for _ in range(2)
+        ]
+        error, uncertainty = accuracy.ensemble_errors(*two)["depression"]
+        ratios.append(error / uncertainty)
+    assert 0.8 < np.sqrt(np.median(np.square(ratios))) / 0.6745 < 1.4
+
+
+def test_steps_fit_between_samples():
+    step = even_step(3e-5, 1e-2, 32)
+    assert step <= 3e-5 and (1e-2 / 32 / step) == pytest.approx(round(1e-2 / 32 / step), abs=1e-9)
+    assert even_step(1.0, 1e-2, 32) == 1e-2 / 32
+
+
+def test_a_record_is_of_the_same_times_whatever_the_step():
+    setup = scene([[0, 0, 2 * R]], R, gravity=(0, 0, -9.81), law=law())
+    sim, runs = dem.Simulation(setup), []
+    for step in (1e-4, 3e-5):
+        sim.restart(dt=even_step(step, 0.01, 8))
+        runs.append(record(sim, 0.01, 8))
+    assert np.allclose(runs[0].time, runs[1].time, rtol=1e-12)
+    fallen = 2 * R - 9.81 / 2 * runs[0].time ** 2
+    assert np.allclose(runs[0].position[:, 0, 2], fallen, rtol=1e-12)
+
+
+def test_two_spheres_part_as_they_should():
+    setup = scene(
+        [[0, 0, 0], [3 * R, 0, 0]],
+        [R, 0.8 * R],
+        velocity=[[0.4, 0, 0], [-0.1, 0, 0]],
+        law=law(0.7),
+    )
+    exact = rebound(setup)
+    mass = setup.spheres.mass
+    assert mass @ exact == pytest.approx(mass @ setup.spheres.velocity)
+    assert exact[1, 0] - exact[0, 0] == pytest.approx(0.7 * 0.5)
+    sim = dem.Simulation(setup)
+    sim.run(duration=6e-3)
+    assert not len(sim.contacts())
+    assert rebound_error(sim.particles.velocity, exact, setup.spheres.velocity) < 5e-3
+    assert rebound_error(exact, exact, setup.spheres.velocity) == 0
+
+
+def test_a_closed_form_only_where_there_is_one():
+    apart = [[0, 0, 0], [3 * R, 0, 0]]
+    toward = [[0.4, 0, 0], [-0.1, 0, 0]]
+    assert rebound(scene(apart, R, velocity=toward, law=law(), gravity=(0, 0, -1))) is None
+    assert rebound(scene(apart, R, velocity=[[0, 1, 0], [0, 0, 0]], law=law())) is None
+    floor = dem.Plane((0, 0, 0), (0, 0, 1), GLASS)
+    single = scene([[0, 0, 2 * R]], R, velocity=[0, 0, -1], law=law(0.5), boundaries=[floor])
+    assert np.allclose(rebound(single), [[0, 0, 0.5]])

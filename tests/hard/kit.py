@@ -104,17 +104,7 @@ def energy(
 def wobble(sim: dem.Simulation) -> float:
     """The share by which Verlet's energy may swing: (omega dt)^2 / 4 covers a spring that stiffens,
     at the twentieth of a half period that the stable step is, scaled by the step in use."""
-    return 0.25 * (math.pi / 20 * sim.dt / stable_step(sim)) ** 2
-
-
-def stable_step(sim: dem.Simulation) -> float:
-    """The step that ``sim`` would have chosen."""
-    from taichi_dem.forces import Coefficients
-    from taichi_dem.time_step import stable_time_step
-
-    scene = sim.scene
-    tables = {slot: Coefficients(scene.law, slot, scene.materials) for slot in scene.law.parts()}
-    return stable_time_step(scene, tables["normal"]).value
+    return 0.25 * (math.pi / 20 * sim.dt / sim.stable.value) ** 2
 
 
 def momentum(sim: dem.Simulation, before: np.ndarray, scale: float, steps: int) -> Figure:

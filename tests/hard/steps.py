@@ -13,7 +13,6 @@ from tests.hard.kit import (
     hard,
     outcome,
     refused,
-    stable_step,
     total_momentum,
     wobble,
 )
@@ -34,7 +33,7 @@ def chain(velocity=0.3):
 def multiples(setting, factor):
     """Energy swings by the square of the step; beyond the stable one that is warned of."""
     sim = setting.simulation(chain())
-    sim = setting.simulation(chain(), dt=factor * stable_step(sim))
+    sim = setting.simulation(chain(), dt=factor * sim.stable.value)
     before = sim.energy()["kinetic"]
     warned = "time_step" in sim.warnings
     sim.run(steps=600)
@@ -52,7 +51,7 @@ def explosion(setting):
         dem.Plane((0.95 * R, 0, 0), (-1, 0, 0), GLASS),
     ]
     held = scene([[1e-6, 0.0, 0.0]], R, GLASS, law=law(1.0), boundaries=walls)
-    stable = stable_step(setting.simulation(held))
+    stable = setting.simulation(held).stable.value
     sim = setting.simulation(held, dt=3 * VERLET_LIMIT * 20 / np.pi * stable)
     error = outcome(lambda: sim.run(steps=2000))
     yield from refused(error, SimulationStopped, "t = ", "Try a smaller time step")

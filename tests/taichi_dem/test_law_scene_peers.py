@@ -143,7 +143,7 @@ neighbor 0.002 bin
 neigh_modify delay 0 every 1 check yes
 comm_modify vel yes
 pair_style granular
-pair_coeff * * jkr {modulus!r} 0.0 {poisson!r} {surface!r} tangential linear_nohistory 0.0 0.0 &
+pair_coeff * * jkr {modulus!r} 0.0 {poisson!r} {surface!r} tangential linear_history 1.0 0.0 0.0 &
  damping velocity
 timestep {dt!r}
 fix move all nve/sphere

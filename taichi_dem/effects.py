@@ -57,8 +57,9 @@ def effects_of(scene: Scene, energy_balance: bool = True) -> Effects:
     normals = list(_normal_laws(scene))
     losing = [
         *(["friction"] if law.tangential is not None else []),
+        *(["damping"] if any(normal.restitution < 1 for normal, *_ in normals) else []),
+        *(["yielding and parting"] if any(normal.plastic for normal, *_ in normals) else []),
         *(["rolling"] if law.rolling is not None else []),
-        *(["the normal law"] if any(normal.dissipates for normal, *_ in normals) else []),
     ]
     history = {name: kind for part in law.parts().values() for name, kind in part.history}
     found: dict[str, Any] = {

@@ -177,7 +177,7 @@ def test_all_drivers_give_the_same_bits(name, monkeypatch):
     assert_same_bits(found[1], found[0])
     assert_same_bits(found[2], found[0])
     energy = sim.energy()
-    assert len(sim.substrate.force) > 5 and len(sim.contacts()) > 40
+    assert len(sim.substrate.force) > 3 and len(sim.contacts()) > 20
     assert energy["dissipated"] > 0
     assert abs(energy["balance_error"]) < 2e-3 * energy["dissipated"]
     assert ("rolling" in energy) == ("spring" in name)
@@ -188,16 +188,16 @@ def test_lists_and_places_in_memory_change_no_bit(name, monkeypatch):
     """What contacts remember survives: who is held, yielded, wound up; how many share a sphere."""
     sim = dem.Simulation(bed_of(LAWS[name], substrate=False), driver="serial")
     spheres = sim.scene.spheres
-    restart(sim, velocity=spheres.velocity, omega=spheres.omega).run(steps=600)
+    restart(sim, velocity=spheres.velocity, omega=spheres.omega).run(steps=1500)
     expected = everything(sim)
-    assert len(sim.contacts()) > 40
+    assert len(sim.contacts()) > 15
     for width in (1e-9, 0.3):
         with skin_held_at(sim, width * 2 * R):
-            restart(sim, velocity=spheres.velocity, omega=spheres.omega).run(steps=600)
+            restart(sim, velocity=spheres.velocity, omega=spheres.omega).run(steps=1500)
         assert_same_bits(everything(sim), expected)
     monkeypatch.setattr(engine, "REORDER_ABOVE", 0)
     monkeypatch.setattr(engine, "REORDER_EVERY", 1)
-    restart(sim, velocity=spheres.velocity, omega=spheres.omega).run(steps=600)
+    restart(sim, velocity=spheres.velocity, omega=spheres.omega).run(steps=1500)
     assert_same_bits(everything(sim), expected)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .checks import Array
+from .arrays import Array
 from .direct import KEEP
 from .grid import FINEST, Accuracy, Grid, accuracy, free_grid, periodic_grid
 

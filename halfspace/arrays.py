@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ class NumPy:
 
     def array(self, value: Any) -> Array:
         """`value` in float64, contiguous; no copy is made where it is that."""
-        return np.asarray(host(value), dtype=np.float64, order="C")
+        return cast(Array, np.asarray(host(value), dtype=np.float64, order="C"))
 
     def integers(self, count: int) -> Any:
         """(count,) of 32 bits, uninitialised."""
@@ -124,8 +124,8 @@ NUMPY = NumPy()
 
 def kind_of(*values: Any) -> Kind:
     """That of the first tensor among the values; without one, NumPy's."""
-    torch = sys.modules.get("torch")
-    for value in values if torch is not None else ():
+    torch: Any = sys.modules.get("torch")
+    for value in values if torch else ():
         if isinstance(value, torch.Tensor):
             return Tensors(torch, value.device)
     return NUMPY

@@ -199,8 +199,7 @@ def _together(
         error = abs(carried / total - 1)
         if error <= residual:
             result = _pressed(ground, x, spheres, approach, state)
-            counts = {"iterations": iterations, "applications": applications, "residual": error}
-            return replace(result, **counts)
+            return replace(result, iterations=iterations, applications=applications, residual=error)
         here = (level, carried ** (2 / 3))
         if here[1] == before[1]:
             break

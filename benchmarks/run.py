@@ -14,7 +14,17 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import report
 
-NAMES = ("settled_bed", "hydrogel", "rebuild", "memory", "startup", "substrate_step")
+NAMES = (
+    "settled_bed",
+    "hydrogel",
+    "rebuild",
+    "memory",
+    "startup",
+    "substrate_step",
+    "half_space",
+    "cold_solve",
+    "moving_contacts",
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -43,8 +43,7 @@ class NumPy:
     def least_squares(self, a: Array, b: Array, cutoff: float) -> Array:
         """The s (k,) of least `|a s - b|`; singular values below `cutoff` of the largest do not
         count. a (n, k), n >= k or not; b (n,)."""
-        s: Array = np.linalg.lstsq(a, b, rcond=cutoff)[0]
-        return s
+        return cast(Array, np.linalg.lstsq(a, b, rcond=cutoff)[0])
 
     def transform(self, grid: Array, torus: tuple[int, int], workers: int | None) -> Any:
         """Real Fourier transform of a grid (rows, columns), put into the corner of a torus."""

@@ -38,6 +38,9 @@ def settled(bed):
         ("memory", "-n", str(2 * FEW)),
         ("startup", "-n", str(FEW), "--rounds", "1", "--patience", "0"),
         ("substrate_step", "-n", str(FEW), "-g", str(FEW // 4), *QUICK),
+        ("half_space", "--count", "300", "--tolerance", "1e-2"),
+        ("cold_solve", "-n", "100"),
+        ("moving_contacts", "--side", "3", "--softness", "1", "--periods", "3", "--steps", "20"),
     ],
     ids=lambda arguments: arguments[0],
 )

@@ -93,12 +93,16 @@ class HalfSpace:
         return Plan(x, radius, *arguments, self.coupling, self._kernel)
 
     def explain(self, x: ArrayLike, method: str | None = None) -> Choice:
-        """How `plan` would sum over the contacts `x` (n, 2), and why: print it."""
+        """How `plan` would sum over the contacts `x` (n, 2), m, and why: print it.
+
+        Of finite size, where the half-space's `coupling` is: that takes more than points do.
+        """
         checks.one_of("method", method, (None, "direct", "mesh"))
         thickness = None if self.layer is None else self.layer.thickness
         return choose(
-            host(checks.vectors("x", x)), self.tolerance, self.period, method, 0.0, thickness
-        )
+            host(checks.vectors("x", x)), self.tolerance, self.period, method,
+            thickness=thickness, sized=self.coupling == "finite",
+        )  # fmt: skip
 
     def displacement(
         self, x: ArrayLike, f: ArrayLike, radius: ArrayLike | None = None

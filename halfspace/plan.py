@@ -180,8 +180,9 @@ class Plan:
     def _begin(self) -> None:
         thickness = None if self._layer is None else self._layer.thickness
         self.choice: Choice = choose(
-            host(self.x), self._tolerance, self._period, self._method, self._reach, thickness
-        )
+            host(self.x), self._tolerance, self._period, self._method, self._reach, thickness,
+            sized=self.coupling == "finite",
+        )  # fmt: skip
         self._sum: Sum = self._summing()
         if self._reach:
             self._close = self._found()

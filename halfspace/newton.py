@@ -45,6 +45,13 @@ class State:
 
 
 class Problem:
+    """`F(d) = 0` for n contacts at x (n, 2), m, of overlaps delta (n,), m, that open at `opening`.
+
+    spheres: what presses, or None for points; offset (n, 2), m: where the plan has the contacts,
+    seen from x. `applications` counts those of C; `hint` says, if anything, why it may not go on;
+    `dead_end` is the best state from which no part of Newton's step was an improvement.
+    """
+
     def __init__(
         self,
         plan: Plan,
@@ -63,6 +70,7 @@ class Problem:
         self._points, self._together = Points(), True
         self.applications = 0
         self.hint = ""
+        self.dead_end: State | None = None
 
     def linear(self, f: Array) -> Callable[[Array], Array]:
         """`df -> dw` at the forces f."""
@@ -159,6 +167,7 @@ class Problem:
             step, definite = _conjugate_gradients(linear, stiffness, -state.defect, share * merit)
         if not definite:
             self.hint = "; contacts may be closer together than their size allows"
+            self.hint += ", or too wide for the layer" * (self._plan.layer is not None)
         ceiling = self._kind.maximum(state.overlap, self._delta) + scale
         if self._together and definite and state.tilt > 0.5 * goal:
             offset = state.offset + state.wrong
@@ -192,6 +201,8 @@ class Problem:
                 return trial
             size /= 2
             trial = self.at(self._kind.minimum(state.overlap + size * step, ceiling), state.offset)
+        if self.dead_end is None or state.error < self.dead_end.error:
+            self.dead_end = state
         return full  # across a kink of the law the residual may have to grow
 
 

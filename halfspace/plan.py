@@ -57,7 +57,7 @@ class Plan:
         coupling: str = "finite",
         layer: LayerKernel | None = None,
     ) -> None:
-        self._layer = layer
+        self.layer = layer
         self._modulus, self._tolerance, self._period = modulus, tolerance, period
         self._workers, self._method = workers, method
         self.coupling, self._warned, self._warned_of_layer = coupling, False, False
@@ -136,7 +136,7 @@ class Plan:
         Or if contacts are too wide for a layer.
         """
         widest = largest(radius)
-        thickness = inf if self._layer is None else self._layer.thickness
+        thickness = inf if self.layer is None else self.layer.thickness
         if widest > WIDE[self.coupling] * thickness and not self._warned_of_layer:
             self._warned_of_layer = True
             warnings.warn(
@@ -178,7 +178,7 @@ class Plan:
         return same
 
     def _begin(self) -> None:
-        thickness = None if self._layer is None else self._layer.thickness
+        thickness = None if self.layer is None else self.layer.thickness
         self.choice: Choice = choose(
             host(self.x), self._tolerance, self._period, self._method, self._reach, thickness,
             sized=self.coupling == "finite",
@@ -194,7 +194,7 @@ class Plan:
 
     def _summing(self) -> Sum:
         """Imported where needed: the mesh starts the compiler of its loops."""
-        grid, period, layer = self.choice.grid, self._period, self._layer
+        grid, period, layer = self.choice.grid, self._period, self.layer
         if grid is not None:
             from .mesh import MeshSum
 

@@ -169,6 +169,8 @@ def solve(
     )
     if not result.converged:
         hint = problem.hint
+        if best is problem.dead_end:
+            hint += "; no step improves the nearest state: there is no equilibrium close to it"
         if result.softening:
             hint += f"; the law softens at {result.softening} contacts, which may be about to jump"
         raise NotConverged(

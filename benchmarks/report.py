@@ -32,8 +32,8 @@ class Figure:
     def met(self) -> bool | None:
         """Whether the target is met; None where there is none."""
         if self.at_least is not None:
-            return self.value >= self.at_least
-        return None if self.at_most is None else self.value <= self.at_most
+            return bool(self.value >= self.at_least)
+        return None if self.at_most is None else bool(self.value <= self.at_most)
 
     def row(self) -> list[str]:
         """Cells of the table: what, value, spread, target, verdict."""

@@ -24,6 +24,9 @@ NAMES = (
     "asked_error",
     "hard_cases",
     "law_costs",
+    "half_space",
+    "cold_solve",
+    "moving_contacts",
 )
 
 

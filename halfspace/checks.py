@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from .arrays import NUMPY, Array, Kind, host, kind_of
 
 
 def number(name: str, value: Any, wanted: str) -> float:
@@ -47,54 +47,69 @@ def sides(name: str, value: Any) -> tuple[float, float]:
     return lengths[0], lengths[1]
 
 
-def vectors(name: str, value: ArrayLike) -> Array:
-    """Positions in the plane, (n, 2), finite; an empty list is (0, 2)."""
-    array = _floats(name, value)
-    if array.size == 0 and array.ndim <= 2:
-        return np.empty((0, 2))
+def vectors(name: str, value: ArrayLike, kind: Kind | None = None) -> Array:
+    """Positions in the plane, (n, 2), finite; an empty list is (0, 2).
+
+    kind: of array that is wanted, or None for that of `value`.
+    """
+    kind = kind_of(value) if kind is None else kind
+    array = _floats(name, value, kind)
+    if 0 in array.shape and array.ndim <= 2:
+        return kind.empty((0, 2))
     if array.ndim != 2 or array.shape[1] != 2:
-        raise ValueError(f"{name} has shape {array.shape}: must be (n, 2), positions in the plane")
+        shape = tuple(array.shape)
+        raise ValueError(f"{name} has shape {shape}: must be (n, 2), positions in the plane")
     return finite(name, array)
 
 
-def scalars(name: str, value: ArrayLike, count: int) -> Array:
+def scalars(name: str, value: ArrayLike, count: int, kind: Kind = NUMPY) -> Array:
     """One finite number per contact, (count,)."""
-    array = _floats(name, value)
-    if array.shape != (count,):
-        raise ValueError(f"{name} has shape {array.shape}: must be ({count},), one per contact")
+    array = _floats(name, value, kind)
+    if tuple(array.shape) != (count,):
+        shape = tuple(array.shape)
+        raise ValueError(f"{name} has shape {shape}: must be ({count},), one per contact")
     return finite(name, array)
 
 
-def positive(name: str, value: ArrayLike, unit: str, count: int) -> Array:
+def each(name: str, value: ArrayLike, count: int, wanted: str, kind: Kind = NUMPY) -> Array:
+    """Finite numbers: (count,), or one for all, which must be as `wanted` says."""
+    if np.ndim(value) > 0:
+        return scalars(name, value, count, kind)
+    return kind.zeros(count) + number(name, value, wanted)
+
+
+def positive(name: str, value: ArrayLike, unit: str, count: int, kind: Kind = NUMPY) -> Array:
     """Finite numbers > 0: (count,), or one for all."""
-    array = np.full(count, _floats(name, value)) if np.ndim(value) == 0 else _floats(name, value)
-    array = scalars(name, array, count)
+    array = _floats(name, value, kind)
+    array = scalars(name, array if array.ndim else kind.zeros(count) + array, count, kind)
     refuse(name, array, array <= 0, f"must be > 0 {unit}")
     return array
 
 
-def radii(name: str, value: ArrayLike, count: int) -> Array:
+def radii(name: str, value: ArrayLike, count: int, kind: Kind = NUMPY) -> Array:
     """Contact radii, (count,), finite and not negative."""
-    array = scalars(name, value, count)
+    array = scalars(name, value, count, kind)
     refuse(name, array, array < 0, "must be >= 0 m")
     return array
 
 
-def _floats(name: str, value: ArrayLike) -> Array:
+def _floats(name: str, value: ArrayLike, kind: Kind) -> Array:
     try:
-        return np.ascontiguousarray(value, dtype=np.float64)
+        return kind.array(value)
     except (TypeError, ValueError):
         raise ValueError(f"{name} = {value!r}: must be an array of numbers") from None
 
 
 def finite(name: str, array: Array) -> Array:
-    refuse(name, array, ~np.isfinite(array), "must be finite")
+    """`array`, refused where it is not finite."""
+    refuse(name, array, ~kind_of(array).isfinite(array), "must be finite")
     return array
 
 
-def refuse(name: str, array: Array, bad: NDArray[np.bool_], wanted: str) -> None:
-    """Refuses an array of which some elements are `bad`, and names the first."""
+def refuse(name: str, array: Array, bad: Any, wanted: str) -> None:
+    """Refuses an array of which some elements are `bad`, a mask of its shape; names the first."""
     if bad.any():
+        array, bad = host(array), host(bad)
         first = tuple(int(i) for i in np.argwhere(bad)[0])
         place = ", ".join(map(str, first))
         others = int(bad.sum()) - 1

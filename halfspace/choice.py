@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .checks import Array
+from .arrays import Array
 from .direct import KEEP
 from .grid import FINEST, Accuracy, Grid, accuracy, free_grid, periodic_grid
 
@@ -32,7 +32,11 @@ RENEWED_CONTACT, RENEWED_PAIR = 2.5e-7, 1e-8
 SLOPE_CONTACT, SLOPE_PAIR = 1e-7, 6e-9  # besides the application
 TRANSFORM = 4.2e-10  # per cell of the torus and doubling of their number
 KEPT_ENTRY, MADE_ENTRY, LAYER_ENTRY = 3e-10, 6e-9, 6e-8  # of the dense matrix
+SLOPE_ENTRY = 6e-9  # of a direct sum, besides the application
 MODE = 1.5e-9  # per contact and wave of a periodic direct sum
+# Contacts with sizes are forces and moments: what the same then costs, as a multiple.
+SIZED_KEPT, SIZED_MADE = 3.0, 1.3  # of a direct sum
+SIZED_CALLS, SIZED_WORK, SIZED_RENEWAL = 1.5, 2.5, 1.5  # of a mesh
 
 
 @dataclass(frozen=True)
@@ -42,7 +46,7 @@ class Choice:
     method: "direct" or "mesh"; time, s: of one application, as estimated; memory, bytes; reason: in
     words; grid: of the mesh, or None; pairs: per contact within the cutoff, estimated;
     alternatives: what else was considered, and its time for a renewal and `APPLICATIONS`
-    applications.
+    applications; sized: whether contacts have sizes, which costs twice the transforms.
     """
 
     method: str
@@ -54,10 +58,12 @@ class Choice:
     grid: Grid | None = None
     pairs: float = 0.0
     alternatives: tuple[tuple[str, float], ...] = ()
+    sized: bool = False
 
     def __str__(self) -> str:
         lines = [
-            f"{self.count} contacts, tolerance {self.tolerance:.1g}: {self.method} sum, "
+            f"{self.count} contacts{' with sizes' * self.sized}, tolerance {self.tolerance:.1g}: "
+            f"{self.method} sum, "
             f"because {self.reason}",
             f"  one application about {self.time * 1e3:.3g} ms, memory {self.memory / 1e6:.3g} MB",
         ]
@@ -80,14 +86,16 @@ def choose(
     method: str | None = None,
     reach: float = 0.0,
     thickness: float | None = None,
+    sized: bool = False,
 ) -> Choice:
     """The cheapest way to sum over the contacts `x` (n, 2); `method` insists on one.
 
     reach, m: pairs no further apart are summed elsewhere, which a mesh can allow within its cutoff;
-    thickness: of a layer, m, which is the most that the cutoff may be.
+    thickness: of a layer, m, which is the most that the cutoff may be; sized: contacts are not
+    points.
     """
     n = len(x)
-    direct, direct_step = _direct(n, tolerance, period, thickness)
+    direct, direct_step = _direct(n, tolerance, period, thickness, sized)
     if method == "direct":
         return replace(direct, reason="it was asked for")
     if n == 0:
@@ -97,7 +105,7 @@ def choose(
     asked = tolerance * _sharpening(x, tolerance, period, thickness)
     if method is None and asked < FINEST:
         return replace(direct, reason=f"the mesh reaches no tolerance below {FINEST:.1g}")
-    tried = _meshes(x, asked, period, reach, thickness)
+    tried = _meshes(x, asked, period, reach, thickness, sized)
     if not tried:
         return replace(direct, reason="contacts are wider than a grid here can allow")
     fitting = [pair for pair in tried if pair[0].memory <= MEMORY]
@@ -131,18 +139,22 @@ def _direct(
     tolerance: float,
     period: tuple[float, float] | None,
     thickness: float | None,
+    sized: bool,
 ) -> tuple[Choice, float]:
     """The direct sum, and its time per step."""
     kept = n * n <= KEEP
     made = MADE_ENTRY + (0.0 if thickness is None else LAYER_ENTRY)
-    time = n * n * (KEPT_ENTRY if kept else made)
-    memory = 8.0 * (n * n if kept else KEEP)
+    made *= SIZED_MADE if sized else 1.0
+    time = n * n * (KEPT_ENTRY * (SIZED_KEPT if sized else 1.0) if kept else made)
+    memory = 8.0 * (n * n * (1 + sized) if kept else KEEP)
     if period is not None:
         modes = WAVES * max(period) / min(period)
-        time += n * modes * MODE
+        time += n * modes * MODE * (1 + sized)
         memory += 16 * n * modes
-    making = n * n * made if kept else 0.0
-    return Choice("direct", n, tolerance, time, memory, ""), making + APPLICATIONS * time
+    making = n * n * (made if kept else 0.0)
+    slope = n * n * SLOPE_ENTRY
+    choice = Choice("direct", n, tolerance, time, memory, "", sized=sized)
+    return choice, making + slope + APPLICATIONS * time
 
 
 def _meshes(
@@ -151,6 +163,7 @@ def _meshes(
     period: tuple[float, float] | None,
     reach: float,
     thickness: float | None,
+    sized: bool,
 ) -> list[tuple[Choice, float]]:
     """Grids around a first guess, finer and coarser while that promises anything."""
     setting, n = accuracy(tolerance), len(x)
@@ -163,8 +176,8 @@ def _meshes(
 
     def mesh(spacing: float) -> tuple[Choice, float]:
         if period is None:
-            return _mesh(x, free_grid(low, high, spacing, setting), tolerance)
-        return _mesh(x, periodic_grid(period, spacing, setting), tolerance)
+            return _mesh(x, free_grid(low, high, spacing, setting), tolerance, sized)
+        return _mesh(x, periodic_grid(period, spacing, setting), tolerance, sized)
 
     found = [mesh(guess)]
     for factor in (1 / STEP, STEP):
@@ -209,20 +222,19 @@ def _grid_bytes(grid: Grid | None) -> float:
     return 0.0 if grid is None else 30.0 * grid.torus[0] * grid.torus[1]
 
 
-def _mesh(x: Array, grid: Grid, tolerance: float) -> tuple[Choice, float]:
+def _mesh(x: Array, grid: Grid, tolerance: float, sized: bool) -> tuple[Choice, float]:
     """The sum on a grid, and its time per step."""
     n, width = len(x), grid.accuracy.width
     pairs = _neighbours(x, grid.cutoff)
     points = float(grid.torus[0] * grid.torus[1])
-    time = (
-        CALLS
-        + n * (CONTACT + POINT * width**2 + PAIR * pairs)
-        + TRANSFORM * points * np.log2(points)
-    )
-    renewal = RENEWAL_CALLS + n * (RENEWED_CONTACT + RENEWED_PAIR * pairs)
-    slope = n * (SLOPE_CONTACT + SLOPE_PAIR * pairs)
-    memory = _grid_bytes(grid) + n * (100.0 + 16 * width + 12 * ROOM * (pairs + 1))
-    choice = Choice("mesh", n, tolerance, time, memory, "", grid, pairs)
+    calls, more, again = (SIZED_CALLS, SIZED_WORK, SIZED_RENEWAL) if sized else (1.0, 1.0, 1.0)
+    work = n * (CONTACT + POINT * width**2 + PAIR * pairs)
+    time = calls * CALLS + more * (work + TRANSFORM * points * np.log2(points))
+    renewal = RENEWAL_CALLS + again * n * (RENEWED_CONTACT + RENEWED_PAIR * pairs)
+    slope = more * n * (SLOPE_CONTACT + SLOPE_PAIR * pairs)
+    each = (20.0 if sized else 12.0) * ROOM * (pairs + 1)
+    memory = (1 + sized) * _grid_bytes(grid) + n * (100.0 + 16 * width + each)
+    choice = Choice("mesh", n, tolerance, time, memory, "", grid, pairs, sized=sized)
     return choice, renewal + slope + APPLICATIONS * time
 
 

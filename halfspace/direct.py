@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .checks import Array
+from .arrays import Array
 from .finite import Close
 
 # Pairs handled at a time (2 MB an array, which stays in cache) and pairs kept as a matrix (32 MB).

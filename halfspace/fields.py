@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from . import greens
-from .checks import Array
+from .arrays import Array
 from .direct import BLOCK
 from .periodic import Pairs, PeriodicSum, check_reach
 

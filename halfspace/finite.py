@@ -37,7 +37,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from . import greens
-from .checks import Array
+from .arrays import Array
 
 TOUCHING = 2.0  # u at which two equal contacts touch, and the series ends
 REACH = 2.0  # of contact radii: no two contacts further apart overlap in that sense

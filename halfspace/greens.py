@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .checks import Array
+from .arrays import Array
 
 
 def plane_strain_modulus(youngs_modulus: float, poissons_ratio: float) -> float:

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .checks import Array
+from .arrays import Array
 from .layer_kernel import LayerKernel
 from .splitting import Split
 from .window import Window

@@ -8,7 +8,7 @@ from types import NoneType
 from numpy.typing import ArrayLike
 
 from . import checks, direct, fields, greens
-from .checks import Array
+from .arrays import Array, host, kind_of, on_host
 from .choice import Choice, choose
 from .layer_kernel import LayerKernel
 from .layer_sums import Pairs, correction_of
@@ -93,10 +93,16 @@ class HalfSpace:
         return Plan(x, radius, *arguments, self.coupling, self._kernel)
 
     def explain(self, x: ArrayLike, method: str | None = None) -> Choice:
-        """How `plan` would sum over the contacts `x` (n, 2), and why: print it."""
+        """How `plan` would sum over the contacts `x` (n, 2), m, and why: print it.
+
+        Of finite size, where the half-space's `coupling` is: that takes more than points do.
+        """
         checks.one_of("method", method, (None, "direct", "mesh"))
         thickness = None if self.layer is None else self.layer.thickness
-        return choose(checks.vectors("x", x), self.tolerance, self.period, method, 0.0, thickness)
+        return choose(
+            host(checks.vectors("x", x)), self.tolerance, self.period, method,
+            thickness=thickness, sized=self.coupling == "finite",
+        )  # fmt: skip
 
     def displacement(
         self, x: ArrayLike, f: ArrayLike, radius: ArrayLike | None = None
@@ -123,9 +129,10 @@ class HalfSpace:
         Raises ValueError for wrong shapes and values that are not finite.
         """
         plan = self.plan(x, radius)
-        f = checks.scalars("f", f, len(plan.x))
+        f = checks.scalars("f", f, len(plan.x), kind_of(plan.x))
         return plan.displacement(f)
 
+    @on_host
     def field(
         self, x: ArrayLike, f: ArrayLike, points: ArrayLike, radius: ArrayLike | None = None
     ) -> Array:
@@ -143,6 +150,7 @@ class HalfSpace:
         moment = None if a is None else f * a**2 / 10
         return w if self._kernel is None else w + self._extra(x).at(points, f, moment)
 
+    @on_host
     def field_slope(
         self, x: ArrayLike, f: ArrayLike, points: ArrayLike, radius: ArrayLike | None = None
     ) -> Array:
@@ -158,6 +166,7 @@ class HalfSpace:
         a = None if radius is None else checks.radii("radius", radius, len(x))
         return fields.surface(x, f, points, self.modulus, a, self.period, slopes=True)
 
+    @on_host
     def pressure(self, x: ArrayLike, f: ArrayLike, radius: ArrayLike, points: ArrayLike) -> Array:
         """Pressure (m,), Pa, at any `points` (m, 2), of Hertz contacts at `x` (n, 2).
 
@@ -169,6 +178,7 @@ class HalfSpace:
         f, a = checks.scalars("f", f, len(x)), checks.radii("radius", radius, len(x))
         return fields.pressure(x, f, points, a, self.period)
 
+    @on_host
     def matrix(self, x: ArrayLike) -> Array:
         """The dense influence matrix (n, n), m/N, of points, with `w = C f`; symmetric.
 

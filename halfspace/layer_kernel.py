@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .checks import Array
+from .arrays import Array
 from .layers import Layer, symbol
 
 Pieces = NDArray[np.intp]

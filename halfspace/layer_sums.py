@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .checks import Array
+from .arrays import Array
 from .direct import BLOCK, KEEP
 from .layer_kernel import LayerKernel
 

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import checks
-from .checks import Array
+from .arrays import Array
 
 BASES = ("bonded", "frictionless")
 DEEP = 100.0  # exp(-2 DEEP) is nothing

@@ -13,12 +13,13 @@ Particles, 1988, ch. 8; the split and the window are those of `splitting` and `w
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import NDArray
 
 from . import mesh_kernels as kernels
 from . import mesh_pairs, mesh_sizes
-from .checks import Array
+from .arrays import Array, host, kind_of
 from .finite import Close
 from .grid import Grid
 from .layer_kernel import LayerKernel
@@ -48,29 +49,31 @@ class MeshSum:
     ) -> None:
         self.modulus, self.workers = modulus, workers
         self.grid, self._layer = grid, layer
-        self._value, self._index = np.empty(0), np.empty(0, np.int32)
-        self._curved, self._bent = np.empty(0), None
+        self._arrays = arrays = kind_of(x)
+        self._value, self._index = arrays.empty(0), arrays.integers(0)
+        self._curved, self._bent = arrays.empty(0), None
         self._prepare(grid)
-        self.x, self._most = np.empty((0, 2)), np.inf
+        self.x, self._most = arrays.empty((0, 2)), np.inf
         if not self.refresh(x, reach):
+            x = host(x)
             raise ValueError(f"x = {x.min(axis=0)} ... {x.max(axis=0)}: must lie on {grid}")
         self._most = CROWDED * float(self._space[-1])
 
     def _prepare(self, grid: Grid) -> None:
         """What depends on the grid alone."""
-        window, split = grid.accuracy.window, grid.accuracy.split
+        window, split, arrays = grid.accuracy.window, grid.accuracy.split, self._arrays
         powers = np.arange(len(window.polynomials) - 1, 0, -1)
-        self._polynomials = window.polynomials
-        self._derivatives = np.ascontiguousarray(window.polynomials[:-1] * powers[:, None])
-        self._short = split.polynomial
+        self._polynomials = arrays.array(window.polynomials)
+        self._derivatives = arrays.array(window.polynomials[:-1] * powers[:, None])
+        self._short = arrays.array(split.polynomial)
         self._own = split.origin / grid.cutoff
-        self._influence = grid.influence(self._layer)
+        self._influence = arrays.array(grid.influence(self._layer))
         rows, columns = grid.points
         # As high as the cutoff, in whole rows: two contacts that near begin at most so many apart.
         self._bands = max(rows // int(np.ceil(grid.cutoff / grid.spacing[0])), 1)
-        self._begin = np.empty(self._bands * -(-columns // kernels.BIN) + 2, np.int32)
-        self._space = np.zeros(self._bands + 1)
-        self._density = np.empty(grid.points)
+        self._begin = arrays.integers(self._bands * -(-columns // kernels.BIN) + 2)
+        self._space = arrays.zeros(self._bands + 1)
+        self._density = arrays.empty(grid.points)
         width, periodic = grid.accuracy.width, int(grid.period is not None)
         vector = kernels.vec2
         self._place = (vector(grid.origin), vector(grid.spacing))
@@ -83,11 +86,11 @@ class MeshSum:
         False, and no longer fit for use, if they have left it or crowd so that another would be
         cheaper by far.
         """
-        n, grid = len(x), self.grid
+        n, grid, arrays = len(x), self.grid, self._arrays
         if n != len(self.x):
-            self._order, self._bins = np.empty(n, np.int32), np.empty(n, np.int32)
-            self._load, self._site = np.empty((4, n)), np.empty((n, 2))
-            self._node = np.empty((n, kernels.WEIGHTS + 2 * grid.accuracy.width))
+            self._order, self._bins = arrays.integers(n), arrays.integers(n)
+            self._load, self._site = arrays.empty((4, n)), arrays.empty((n, 2))
+            self._node = arrays.empty((n, kernels.WEIGHTS + 2 * grid.accuracy.width))
         self.x, self.reach = x, reach
         if reach > grid.cutoff or self._sort() or not self._make_room():
             return False
@@ -118,13 +121,15 @@ class MeshSum:
             return False
         if needed > len(self._value):
             size = int(SPARE * needed)
-            self._value, self._index = np.empty(size), np.empty(size, np.int32)
+            self._value, self._index = self._arrays.empty(size), self._arrays.integers(size)
         return True
 
     def _find_pairs(self) -> None:
         grid, (width, periodic) = self.grid, self._kind
         site, node, begin = self._site, self._node, self._begin
-        extent = float(np.ptp(self.x, axis=0).max(initial=0.0)) if len(self.x) else 0.0
+        extent = (
+            max((float(a.max() - a.min()) for a in self.x.T), default=0.0) if len(self.x) else 0.0
+        )
         self._left_out = float(max(np.finfo(np.float64).eps * extent, self.reach)) ** 2
         mesh_pairs.pairs(
             site, node, begin, self._space, self._value, self._index, self._short,
@@ -153,12 +158,10 @@ class MeshSum:
             *self._place, self._period, *grid.points, self._own, 1 / (np.pi * self.modulus),
             grid.cutoff, self._left_out, width, len(self._short) - 1, periodic,
         )  # fmt: skip
-        w, slope = self._unsorted(self._load[1]), np.empty((len(f), 2))
-        slope[self._order] = self._load[2:].T
-        return w, slope
+        return self._unsorted(self._load[1]), self._unsorted(self._load[2:].T)
 
     def _unsorted(self, values: Array) -> Array:
-        result = np.empty(len(values))
+        result: Array = self._arrays.empty(values.shape)
         result[self._order] = values
         return result
 
@@ -168,7 +171,7 @@ class MeshSum:
         As `direct.DirectSum.pair`; with twice the transforms of `apply`.
         """
         if q is None:
-            return self.apply(f), np.zeros(len(f))
+            return self.apply(f), self._arrays.zeros(len(f))
         self._gather_pair(f, q)
         return self._unsorted(self._result[0]), self._unsorted(self._result[1])
 
@@ -182,38 +185,34 @@ class MeshSum:
             1 / (np.pi * self.modulus), grid.cutoff, self._left_out,
             width, len(self._short) - 1, len(self._bend) - 1, periodic,
         )  # fmt: skip
-        falls = np.empty((2, len(f), 2))
-        falls[:, self._order] = self._result[2:].reshape(2, 2, -1).transpose(0, 2, 1)
-        return (
-            self._unsorted(self._result[0]),
-            self._unsorted(self._result[1]),
-            falls[0],
-            falls[1],
-        )
+        depression, laplacian = self._result[0], self._result[1]
+        parts = depression, laplacian, self._result[2:4].T, self._result[4:6].T
+        near, steep, fall, steep_fall = map(self._unsorted, parts)
+        return near, steep, fall, steep_fall
 
     @property
     def closest(self) -> float:
         """The least distance between two contacts, m; at most the cutoff is looked at."""
         if self._closest is None:
-            least = np.full(len(self.x), self.grid.cutoff**2)
+            least = self._arrays.zeros(len(self.x)) + self.grid.cutoff**2
             mesh_sizes.closest(
                 self._site, self._node, self._index, least, self._period, self._kind[1]
             )
-            self._closest = float(np.sqrt(least.min(initial=np.inf)))
+            self._closest = float(least.min()) ** 0.5 if len(least) else np.inf
         return self._closest
 
     def close(self) -> Close:
         """The pairs that are left out."""
         from scipy.spatial import cKDTree
 
-        box = self.grid.period
-        x = self.x if box is None else np.mod(self.x, box) % box
+        box, place = self.grid.period, host(self.x)
+        x = place if box is None else np.mod(place, box) % box
         tree = cKDTree(x, boxsize=box)
         k, j = tree.query_pairs(float(np.sqrt(self._left_out)), output_type="ndarray").T
         k, j = np.r_[k, j], np.r_[j, k]
         order = np.lexsort((j, k))
         k, j = k[order], j[order]
-        d = self.x[k] - self.x[j]
+        d = place[k] - place[j]
         if box is not None:
             d -= np.round(d / box) * box
         return Close(len(x), k, j, d)
@@ -222,20 +221,21 @@ class MeshSum:
         grid, (width, periodic) = self.grid, self._kind
         if self._bent is None:
             split = grid.accuracy.curved
-            self._bend = split.laplacian
+            self._bend = self._arrays.array(split.laplacian)
             self._own_curved = split.bend / grid.cutoff**3
-            self._bent = grid.curved_influence(self._layer)
+            self._bent = self._arrays.array(grid.curved_influence(self._layer))
         if not self._curved_known:
             if len(self._curved) != len(self._value):
-                self._curved = np.empty(len(self._value))
+                self._curved = self._arrays.empty(len(self._value))
             mesh_sizes.curve(
                 self._site, self._node, self._curved, self._index, self._bend, self._period,
                 grid.cutoff, self._left_out, len(self._bend) - 1, periodic,
             )  # fmt: skip
             self._curved_known = True
-            self._loads, self._result = np.empty((2, len(f))), np.empty((6, len(f)))
+            self._loads, self._result = (self._arrays.empty((m, len(f))) for m in (2, 6))
         forces, moments = self._transform(f), self._transform(q)
-        self._loads[0], self._loads[1] = f[self._order], q[self._order]
+        for load, values in zip(self._loads, (f, q), strict=True):
+            load[:] = self._arrays.take(values, self._order)
         near = self._back(forces * self._influence + moments * self._bent)
         steep = self._back(forces * self._bent)
         mesh_sizes.gather_pair(
@@ -251,29 +251,15 @@ class MeshSum:
         spectrum *= self._influence
         return self._back(spectrum)
 
-    def _transform(self, f: Array) -> NDArray[np.complex128]:
+    def _transform(self, f: Array) -> Any:
         """Forces on the grid, transformed."""
-        from scipy import fft
-
-        np.take(f, self._order, out=self._load[0])
+        self._load[0] = self._arrays.take(f, self._order)
         kernels.spread(
             self._load, self._node, self._begin, self._density,
             self.grid.points[1], self._bands, *self._kind,
         )  # fmt: skip
-        (rows, columns), workers = self.grid.torus, self.workers
-        spectrum = fft.rfft(self._density, n=columns, axis=1, workers=workers)
-        result: NDArray[np.complex128] = fft.fft(
-            spectrum, n=rows, axis=0, overwrite_x=True, workers=workers
-        )
-        return result
+        return self._arrays.transform(self._density, self.grid.torus, self.workers)
 
-    def _back(self, spectrum: NDArray[np.complex128]) -> Array:
-        from scipy import fft
-
-        columns, workers = self.grid.torus[1], self.workers
-        spectrum = fft.ifft(spectrum, axis=0, overwrite_x=True, workers=workers)
-        # Rows that no contact reaches need not be transformed.
-        result: Array = fft.irfft(
-            spectrum[: len(self._density)], n=columns, axis=1, overwrite_x=True, workers=workers
-        )
-        return result
+    def _back(self, spectrum: Any) -> Array:
+        columns, rows = self.grid.torus[1], self.grid.points[0]
+        return self._arrays.back(spectrum, rows, columns, self.workers)

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
-from .checks import Array
+from .arrays import Array, host, kind_of, largest
 from .plan import Plan
 from .spheres import Points, Spheres
 
@@ -43,10 +41,17 @@ class State:
 
     @property
     def merit(self) -> float:
-        return float(np.abs(self.defect).max(initial=0.0))
+        return largest(self.defect)
 
 
 class Problem:
+    """`F(d) = 0` for n contacts at x (n, 2), m, of overlaps delta (n,), m, that open at `opening`.
+
+    spheres: what presses, or None for points; offset (n, 2), m: where the plan has the contacts,
+    seen from x. `applications` counts those of C; `hint` says, if anything, why it may not go on;
+    `dead_end` is the best state from which no part of Newton's step was an improvement.
+    """
+
     def __init__(
         self,
         plan: Plan,
@@ -60,10 +65,12 @@ class Problem:
         self._plan, self._law = plan, law
         self._spheres = spheres if plan.coupling == "finite" else None
         self._x, self._delta, self._opening = x, delta, opening
+        self._kind = kind_of(x)
         self._offset = offset  # of the plan
         self._points, self._together = Points(), True
         self.applications = 0
         self.hint = ""
+        self.dead_end: State | None = None
 
     def linear(self, f: Array) -> Callable[[Array], Array]:
         """`df -> dw` at the forces f."""
@@ -72,7 +79,7 @@ class Problem:
 
         def apply(df: Array) -> Array:
             if not df.any():
-                return np.zeros(len(df))
+                return self._kind.zeros(len(df))
             self.applications += 1
             return tangent(df)
 
@@ -80,17 +87,17 @@ class Problem:
 
     def open(self, offset: Array) -> State:
         """No contact can carry load: the surface is flat."""
-        zero, flat = np.zeros(len(self._delta)), np.zeros_like(offset)
-        return State(self._delta.copy(), zero, zero, zero, zero, 0.0, flat, flat, 0.0, flat)
+        zero, flat = (self._kind.zeros_like(a) for a in (self._delta, offset))
+        return State(self._delta, zero, zero, zero, zero, 0.0, flat, flat, 0.0, flat)
 
     def at(self, d: Array, offset: Array) -> State:
         force, tangent = self._forces(d)
         if offset is not self._offset:
             self._plan.refresh(self._x + offset)
             self._offset = offset
-        spheres, n = self._spheres, len(d)
-        w, slope, lost = np.zeros(n), None, np.zeros(n)
-        wrong, tilt = np.zeros_like(offset), 0.0
+        kind, spheres, n = self._kind, self._spheres, len(d)
+        w, slope, lost = kind.zeros(n), None, kind.zeros(n)
+        wrong, tilt = kind.zeros_like(offset), 0.0
         if force.any():
             self.applications += 1
             if spheres is None:
@@ -99,14 +106,14 @@ class Problem:
                 w, slope = self._plan.displacement(force, spheres.contact_radius(force))
         if spheres is not None:
             lost = (offset**2).sum(axis=1) / (2 * spheres.radius)
-            slope = np.zeros_like(offset) if slope is None else slope
+            slope = wrong if slope is None else slope
             wrong = spheres.radius[:, None] * slope - offset
             tilt = spheres.tilt(wrong, slope, force)
         reached = self._delta - w - lost
         # An open contact that stays open solves its equation outright.
-        d = np.where(np.maximum(d, reached) <= self._opening, reached, d)
-        error = np.maximum(d, self._opening) - np.maximum(reached, self._opening)
-        missing = float(np.abs(error).max(initial=0.0))
+        d = kind.where(kind.maximum(d, reached) <= self._opening, reached, d)
+        error = kind.maximum(d, self._opening) - kind.maximum(reached, self._opening)
+        missing = largest(error)
         return State(
             d, force, tangent, w, d - reached, missing, offset, wrong, tilt, slope
         )  # fmt: skip
@@ -118,18 +125,20 @@ class Problem:
         return self._plan.slope(state.force)
 
     def _forces(self, d: Array) -> tuple[Array, Array]:
-        closed = d > self._opening
-        values = self._law(np.maximum(d, self._opening))
+        kind, closed = self._kind, d > self._opening
+        values = self._law(kind.maximum(d, self._opening))
         if not isinstance(values, tuple) or len(values) != 2:
             raise ValueError(f"law returned {type(values).__name__}: must be (force, tangent)")
         result = []
         for name, value in zip(("force", "tangent"), values, strict=True):
-            value = np.asarray(value, dtype=np.float64)
+            value = kind.array(value)
             if value.shape != d.shape:
-                raise ValueError(f"law returned a {name} of shape {value.shape}, not {d.shape}")
-            value = np.where(closed, value, 0.0)
-            if not np.isfinite(value).all():
-                k = int(np.flatnonzero(~np.isfinite(value))[0])
+                shapes = tuple(value.shape), tuple(d.shape)
+                raise ValueError("law returned a {} of shape {}, not {}".format(name, *shapes))
+            value = kind.where(closed, value, 0.0)
+            good = kind.isfinite(value)
+            if not good.all():
+                k = host(good).argmin()
                 raise ValueError(
                     f"law returned {name}[{k}] = {float(value[k])!r} at overlap {float(d[k])!r} m"
                 )
@@ -148,20 +157,21 @@ class Problem:
                 return trial
             self._together = False
         enough = max(goal, EASE * state.tilt)
-        step, definite = np.zeros(len(self._delta)), True
+        step, definite = self._kind.zeros_like(self._delta), True
         merit = state.merit
         if state.missing > 0.5 * goal:
-            share = np.clip(merit / scale, 0.5 * enough / merit, 0.1)
+            share = min(max(merit / scale, 0.5 * enough / merit), 0.1)
             # Where the law softens, its force is held while the others adapt.
-            stiffness = np.maximum(state.tangent, 0.0)
+            stiffness = state.tangent.clip(0.0)
             linear = self.linear(state.force)
             step, definite = _conjugate_gradients(linear, stiffness, -state.defect, share * merit)
         if not definite:
             self.hint = "; contacts may be closer together than their size allows"
-        ceiling = np.maximum(state.overlap, self._delta) + scale
+            self.hint += ", or too wide for the layer" * (self._plan.layer is not None)
+        ceiling = self._kind.maximum(state.overlap, self._delta) + scale
         if self._together and definite and state.tilt > 0.5 * goal:
             offset = state.offset + state.wrong
-            trial = self.at(np.minimum(state.overlap + step, ceiling), offset)
+            trial = self.at(self._kind.minimum(state.overlap + step, ceiling), offset)
             if trial.error <= goal or max(trial.merit, trial.tilt) < 0.5 * max(merit, state.tilt):
                 return trial
             self._together = False
@@ -180,7 +190,7 @@ class Problem:
         `-(F_0 + F_1)/2 . (f_1 - f_0)` to third order.
         """
         size = 1.0
-        full = trial = self.at(np.minimum(state.overlap + step, ceiling), state.offset)
+        full = trial = self.at(self._kind.minimum(state.overlap + step, ceiling), state.offset)
         for _ in range(HALVINGS):
             if definite:
                 better = trial.merit < (1 - 1e-4 * size) * state.merit
@@ -190,7 +200,9 @@ class Problem:
             if better or trial.missing <= goal:
                 return trial
             size /= 2
-            trial = self.at(np.minimum(state.overlap + size * step, ceiling), state.offset)
+            trial = self.at(self._kind.minimum(state.overlap + size * step, ceiling), state.offset)
+        if self.dead_end is None or state.error < self.dead_end.error:
+            self.dead_end = state
         return full  # across a kink of the law the residual may have to grow
 
 
@@ -201,19 +213,19 @@ def _conjugate_gradients(
 
     If not, this is what it came to before that showed; at the first step, the fixed-point step `b`.
     """
-    s: Array = np.zeros(len(b))
-    r: Array = b.copy()
+    where = kind_of(b).where
+    s, r = kind_of(b).zeros_like(b), b
     loaded = k > 0
     p, rr = r, r @ (k * r)
     for _ in range(2 * len(b)):
-        if np.abs(r[loaded]).max(initial=0.0) <= goal:
+        if largest(r[loaded]) <= goal:
             break
         q = p + apply(k * p)
         curvature = (k * p) @ q
         if not curvature > 0:
-            return np.where(loaded, s, s + r) if s.any() else b, False
+            return where(loaded, s, s + r) if s.any() else b, False
         s = s + (rr / curvature) * p
         r = r - (rr / curvature) * q
         rr, previous = r @ (k * r), rr
         p = r + (rr / previous) * p
-    return np.where(loaded, s, s + r), True
+    return where(loaded, s, s + r), True

@@ -19,7 +19,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from .checks import Array
+from .arrays import Array
 from .direct import BLOCK, KEEP
 from .finite import Close
 from .splitting import Split

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import checks
-from .checks import Array
+from .arrays import Array, host
 from .ground import HalfSpace
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ def draw_dents(
     periodic half-space; points: of the map along its longer side. Returns the axes, the figure of
     which can be saved. Raises ValueError as `HalfSpace.field` does.
     """
+    x, f, radius = host(x), host(f), host(radius)
     x = checks.vectors("x", x)
     f, a = checks.scalars("f", f, len(x)), checks.radii("radius", radius, len(x))
     left, right, bottom, top = window or _window(ground, x, a)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from math import inf, pi
+from typing import TYPE_CHECKING, Protocol, cast
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from . import checks, finite
-from .checks import Array
+from .arrays import NUMPY, Array, Kind, host, kind_of, largest
 from .choice import Choice, choose
 from .direct import DirectSum
 from .finite import Close
@@ -57,17 +57,18 @@ class Plan:
         coupling: str = "finite",
         layer: LayerKernel | None = None,
     ) -> None:
-        self._layer = layer
+        self.layer = layer
         self._modulus, self._tolerance, self._period = modulus, tolerance, period
         self._workers, self._method = workers, method
         self.coupling, self._warned, self._warned_of_layer = coupling, False, False
         self._reach = 0.0
+        self._kind: Kind = NUMPY
         self._check(x, radius)
         self._begin()
 
     def apply(self, f: Array, radius: Array | None = None) -> Array:
         """Depression `w` of every contact by the forces `f` (n,), N: (n,), m."""
-        a = self._sized(radius)
+        f, a = self._kind.array(f), self._sized(radius)
         if a is None:
             return self._sum.apply(f)
         return self._depression(f, a, *self._sum.pair(f, f * a * a / 10))
@@ -78,19 +79,19 @@ class Plan:
 
     def displacement(self, f: Array, radius: Array | None = None) -> tuple[Array, Array]:
         """Depression, as `apply`, and slope: see `HalfSpace.displacement`."""
-        a = self._sized(radius)
+        f, a = self._kind.array(f), self._sized(radius)
         if a is None:
             return self._sum.displacement(f)
         near, steep, fall, steep_fall = self._sum.pair_slope(f, f * a * a / 10)
         slope = fall + (a * a / 10)[:, None] * steep_fall
         if self._reach:
-            slope += self._close.slope(f, a) / (np.pi * self._modulus)
+            slope += self._close.slope(f, a) / (pi * self._modulus)
         return self._depression(f, a, near, steep), slope
 
     def _depression(self, f: Array, a: Array, near: Array, steep: Array) -> Array:
         w = near + a * a / 6 * steep
         if self._reach:
-            w += self._close.depression(f, a) / (np.pi * self._modulus)
+            w += self._close.depression(f, a) / (pi * self._modulus)
         return w
 
     def tangent(self, f: Array, radius: Array | None = None) -> Callable[[Array], Array]:
@@ -99,18 +100,18 @@ class Plan:
         `a ~ f^(1/3)`. It is symmetric, as the second derivative of an energy; for points it is
         `apply`.
         """
-        a = self._sized(radius)
+        f, a = self._kind.array(f), self._sized(radius)
         if a is None:
             return self._sum.apply
         # d2q/df2 (laplacian of w): a contact's own size grows in the others' curvature.
-        pressing = np.where(f > 0, f, np.inf)
+        pressing = self._kind.where(f > 0, f, inf)
         own = a * a / (9 * pressing) * self._sum.pair(f, f * a * a / 10)[1]
         close = self._close.tangent(f, a) if self._reach else None
 
         def apply(g: Array) -> Array:
             near, steep = self._sum.pair(g, a * a / 6 * g)
             dw = near + a * a / 6 * steep + own * g
-            return dw if close is None else dw + close(g) / (np.pi * self._modulus)
+            return dw if close is None else dw + close(g) / (pi * self._modulus)
 
         return apply
 
@@ -121,21 +122,21 @@ class Plan:
         it the energy is a smooth function of their positions; a new one changes it by something of
         the order of the tolerance. Raises ValueError as `HalfSpace.plan` does.
         """
-        self._check(x, radius)
+        same = self._check(x, radius)
         n, before = len(self.x), self.choice.count
-        similar = n <= SIMILAR * before and before <= SIMILAR * n
+        similar = same and n <= SIMILAR * before and before <= SIMILAR * n
         if not (similar and self._sum.refresh(self.x, self._reach)):
             self._begin()
         elif self._reach:
-            self._close = self._sum.close()
+            self._close = self._found()
 
     def warn_of_points(self, radius: Array) -> None:
         """Warn, once, if contacts that count as points are too large or too close for that.
 
         Or if contacts are too wide for a layer.
         """
-        widest = float(radius.max(initial=0.0))
-        thickness = np.inf if self._layer is None else self._layer.thickness
+        widest = largest(radius)
+        thickness = inf if self.layer is None else self.layer.thickness
         if widest > WIDE[self.coupling] * thickness and not self._warned_of_layer:
             self._warned_of_layer = True
             warnings.warn(
@@ -154,47 +155,59 @@ class Plan:
 
     def _sized(self, radius: Array | None) -> Array | None:
         """The contact radii if they count; pairs that overlap are taken out of the sums."""
-        a = self._radius if radius is None else radius
+        a = self._radius if radius is None else self._kind.array(radius)
         if a is None:
             return None
         if self.coupling == "point":
             self.warn_of_points(a)
             return None
-        needed = finite.REACH * float(a.max(initial=0.0))
+        needed = finite.REACH * largest(a)
         if needed > self._reach and needed > self._sum.closest:
             self._reach = finite.SPARE * needed
             if not self._sum.refresh(self.x, self._reach):
                 self._begin()
-            self._close = self._sum.close()
+            self._close = self._found()
         return a
 
-    def _check(self, x: ArrayLike, radius: ArrayLike | None) -> None:
+    def _check(self, x: ArrayLike, radius: ArrayLike | None) -> bool:
+        """Takes up the arguments, and tells whether they are arrays of the same kind as before."""
         self.x = checks.vectors("x", x)
-        self._radius = None if radius is None else checks.radii("radius", radius, len(self.x))
+        kind = kind_of(self.x)
+        same, self._kind = kind == self._kind, kind
+        self._radius = None if radius is None else checks.radii("radius", radius, len(self.x), kind)
+        return same
 
     def _begin(self) -> None:
-        thickness = None if self._layer is None else self._layer.thickness
+        thickness = None if self.layer is None else self.layer.thickness
         self.choice: Choice = choose(
-            self.x, self._tolerance, self._period, self._method, self._reach, thickness
-        )
-        self._sum = self._summing()
-        if self._layer is not None and self.choice.grid is None:
-            from .layer_sums import LayerSum, correction_of
-
-            extra = correction_of(self.x, self._modulus, self._layer, self._period)
-            self._sum = LayerSum(self._sum, extra)
+            host(self.x), self._tolerance, self._period, self._method, self._reach, thickness,
+            sized=self.coupling == "finite",
+        )  # fmt: skip
+        self._sum: Sum = self._summing()
         if self._reach:
-            self._close = self._sum.close()
+            self._close = self._found()
+
+    def _found(self) -> Close:
+        """The pairs that the sums leave out."""
+        close: Close = self._kind.adapt(self._sum.close())
+        return close
 
     def _summing(self) -> Sum:
         """Imported where needed: the mesh starts the compiler of its loops."""
-        grid, period = self.choice.grid, self._period
+        grid, period, layer = self.choice.grid, self._period, self.layer
         if grid is not None:
             from .mesh import MeshSum
 
-            return MeshSum(self.x, self._modulus, grid, self._reach, self._workers, self._layer)
+            return MeshSum(self.x, self._modulus, grid, self._reach, self._workers, layer)
+        x = host(self.x)
         if period is not None:
             from .periodic import PeriodicSum
 
-            return PeriodicSum(self.x, self._modulus, period, self._reach)
-        return DirectSum(self.x, self._modulus, self._reach)
+            sums: Sum = PeriodicSum(x, self._modulus, period, self._reach)
+        else:
+            sums = DirectSum(x, self._modulus, self._reach)
+        if layer is not None:
+            from .layer_sums import LayerSum, correction_of
+
+            sums = LayerSum(sums, correction_of(x, self._modulus, layer, period))
+        return cast(Sum, self._kind.adapt(sums))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import checks
-from .checks import Array
+from .arrays import Array, kind_of, largest
 from .ground import HalfSpace
 from .plan import Plan
 from .solve import Equilibrium, NotConverged, solve
@@ -100,20 +100,22 @@ def press(
     without sense and NotConverged where no equilibrium is found.
     """
     x = checks.vectors("x", x)
-    n = len(x)
+    n, kind = len(x), kind_of(x)
     if (approach is None) == (load is None):
         given = "neither" if load is None else "both"
         raise ValueError(f"approach, load: {given} given, must be exactly one of them")
-    modulus = np.full(n, _modulus(ground, youngs_modulus, poissons_ratio))
-    spheres = Spheres(checks.positive("radius", radius, "m", n), modulus)
+    modulus = kind.zeros(n) + _modulus(ground, youngs_modulus, poissons_ratio)
+    spheres = Spheres(checks.positive("radius", radius, "m", n, kind), modulus)
     if not 0 < checks.number("residual", residual, "a number between 0 and 1") < 1:
         raise ValueError(f"residual = {residual!r}: must be a number between 0 and 1")
     checks.whole("max_iterations", max_iterations)
     if approach is not None:
-        return _to(ground, x, spheres, _each("approach", approach, n), residual, max_iterations)
+        level = checks.each("approach", approach, n, "a finite length, m", kind)
+        state = _solve(ground, x, spheres, level, residual, max_iterations)
+        return _pressed(ground, x, spheres, level, state)
     assert load is not None
     if np.ndim(load) > 0:
-        force = checks.scalars("load", load, n)
+        force = checks.scalars("load", load, n, kind)
         checks.refuse("load", force, force < 0, "must be >= 0 N")
         return _under(ground, x, spheres, force, residual)
     total = checks.number("load", load, "a force > 0 N, or one for each sphere")
@@ -143,12 +145,6 @@ def _modulus(ground: HalfSpace, youngs_modulus: Any, poissons_ratio: Any) -> flo
     return composite_modulus(e, nu, ground.youngs_modulus, ground.poissons_ratio)
 
 
-def _each(name: str, value: ArrayLike, count: int) -> Array:
-    if np.ndim(value) == 0:
-        return np.full(count, checks.number(name, value, "a finite length, m"))
-    return checks.scalars(name, value, count)
-
-
 def _pressed(
     ground: HalfSpace, x: Array, spheres: Spheres, approach: Array, state: Equilibrium
 ) -> Pressed:
@@ -160,7 +156,7 @@ def _pressed(
     )  # fmt: skip
 
 
-def _to(
+def _solve(
     ground: HalfSpace,
     x: Array,
     spheres: Spheres,
@@ -169,21 +165,6 @@ def _to(
     max_iterations: int,
     before: Equilibrium | None = None,
     plan: Plan | None = None,
-) -> Pressed:
-    """To a given approach."""
-    state = _solve(ground, x, spheres, approach, residual, max_iterations, before, plan)
-    return _pressed(ground, x, spheres, approach, state)
-
-
-def _solve(
-    ground: HalfSpace,
-    x: Array,
-    spheres: Spheres,
-    approach: Array,
-    residual: float,
-    max_iterations: int,
-    before: Equilibrium | None,
-    plan: Plan | None,
 ) -> Equilibrium:
     from .reference import hertz_law
 
@@ -205,12 +186,12 @@ def _together(
 ) -> Pressed:
     """On one level, under a total load P: the secant method for `P^(2/3)`, nearly linear in it."""
     n, plan = len(x), ground.plan(x)
-    alone = np.sum(np.sqrt(spheres.radius) * spheres.modulus) * 4 / 3
+    alone = float((spheres.radius**0.5 * spheres.modulus).sum()) * 4 / 3
     level, state = float((total / alone) ** (2 / 3)), None
     before: tuple[float, float] = (0.0, 0.0)
     iterations = applications = 0
     for _ in range(ROUNDS):
-        approach = np.full(n, level)
+        approach = kind_of(x).zeros(n) + level
         state = _solve(ground, x, spheres, approach, INNER * residual, most, state, plan)
         iterations += state.iterations
         applications += state.applications
@@ -218,8 +199,7 @@ def _together(
         error = abs(carried / total - 1)
         if error <= residual:
             result = _pressed(ground, x, spheres, approach, state)
-            counts = {"iterations": iterations, "applications": applications, "residual": error}
-            return Pressed(**{**vars(result), **counts})
+            return replace(result, iterations=iterations, applications=applications, residual=error)
         here = (level, carried ** (2 / 3))
         if here[1] == before[1]:
             break
@@ -238,13 +218,13 @@ def _under(ground: HalfSpace, x: Array, spheres: Spheres, force: Array, residual
     """Under a given load each: the forces are known, and only where spheres touch is sought."""
     a = spheres.contact_radius(force)
     own = a * a / spheres.radius
-    shift, points, plan = np.zeros_like(x), Points(), ground.plan(x)
+    shift, points, plan = kind_of(x).zeros_like(x), Points(), ground.plan(x)
     tilting = ground.coupling == "finite"
     for rounds in range(1, ROUNDS + 1):
         w, slope = plan.displacement(force, a)
         wrong = (spheres.radius[:, None] * slope - shift) * tilting
         approach = own + w + (shift**2).sum(axis=1) / (2 * spheres.radius)
-        scale = float(np.abs(approach).max(initial=0.0))
+        scale = largest(approach)
         error = spheres.tilt(wrong, slope, force)
         if error <= residual * scale:
             share = error / scale if scale > 0 else 0.0

@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk, gamma
 
 from . import greens
-from .checks import Array
+from .arrays import Array, kind_of
 
 # Duration of a Hertz impact over `overlap/speed`: 2 int_0^1 dx/sqrt(1 - x^(5/2)) = 2.9432...
 HERTZ_DURATION = float(0.8 * np.sqrt(np.pi) * gamma(0.4) / gamma(0.9))
@@ -49,8 +49,9 @@ class HertzLaw:
     modulus: ArrayLike
 
     def __call__(self, overlap: Array) -> tuple[Array, Array]:
-        k = hertz_stiffness(self.radius, self.modulus)
-        root = np.sqrt(np.maximum(overlap, 0.0))
+        kind = kind_of(overlap)
+        k = 4.0 / 3.0 * kind.array(self.modulus) * kind.array(self.radius) ** 0.5
+        root = kind.array(overlap).clip(0.0) ** 0.5
         return k * root**3, 1.5 * k * root
 
 

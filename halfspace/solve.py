@@ -30,11 +30,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from . import checks
-from .checks import Array
+from .arrays import Array, kind_of, largest
 from .ground import HalfSpace
 from .newton import Law, Problem
 from .plan import Plan
@@ -120,30 +119,29 @@ def solve(
     state, after `max_iterations`.
     """
     x = checks.vectors("x", x)
-    n = len(x)
-    spheres = Spheres.of(ground, law, radius, modulus, n)
-    offset = np.zeros((n, 2))
+    n, kind = len(x), kind_of(x)
+    spheres = Spheres.of(ground, law, radius, modulus, n, kind)
+    offset = kind.zeros((n, 2))
     if shift is not None and spheres is not None and ground.coupling == "finite":
-        offset = checks.vectors("shift", shift)
+        offset = checks.vectors("shift", shift, kind)
     if offset.shape != x.shape:
-        raise ValueError(f"shift has shape {offset.shape}: must be {x.shape}, one per contact")
+        shapes = tuple(offset.shape), tuple(x.shape)
+        raise ValueError("shift has shape {}: must be {}, one per contact".format(*shapes))
     if plan is None:
         plan = ground.plan(x + offset)
     else:
         plan.refresh(x + offset)
-    delta = checks.scalars("overlap", overlap, n)
-    guess = delta if start is None else checks.scalars("start", start, n)
-    if np.ndim(opening) == 0:
-        opening = np.full(n, checks.number("opening", opening, "a finite overlap, m"))
-    floor = checks.scalars("opening", opening, n)
+    delta = checks.scalars("overlap", overlap, n, kind)
+    guess = delta if start is None else checks.scalars("start", start, n, kind)
+    floor = checks.each("opening", opening, n, "a finite overlap, m", kind)
     wanted = "a number between 0 and 1"
     if not 0 < checks.number("residual", residual, wanted) < 1:
         raise ValueError(f"residual = {residual!r}: must be {wanted}")
     checks.whole("max_iterations", max_iterations)
 
     # What adheres may hold beyond its own opening, on a surface that the others pull up.
-    made = np.where(guess > floor, -floor, 0.0)
-    scale = float(np.maximum(delta - floor, made).max(initial=0.0))
+    made = kind.where(guess > floor, -floor, 0.0)
+    scale = largest(kind.maximum(delta - floor, made).clip(0.0))
     goal = residual * scale
     problem = Problem(plan, x, delta, law, floor, spheres, offset)
     state = problem.at(guess, offset) if scale > 0 else problem.open(offset)
@@ -165,12 +163,14 @@ def solve(
         applications=problem.applications,
         residual=best.error / scale if scale > 0 else 0.0,
         converged=best.error <= goal,
-        softening=int(np.count_nonzero(best.tangent < 0)),
+        softening=int((best.tangent < 0).sum()),
         contact_radius=radii,
         shift=best.offset,
     )
     if not result.converged:
         hint = problem.hint
+        if best is problem.dead_end:
+            hint += "; no step improves the nearest state: there is no equilibrium close to it"
         if result.softening:
             hint += f"; the law softens at {result.softening} contacts, which may be about to jump"
         raise NotConverged(

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from . import checks
-from .checks import Array
+from .arrays import Array, Kind, kind_of, largest
 from .ground import HalfSpace
 
 MEMORY = 4  # rounds
+ALIKE = 1e-8  # rounds that differ by less teach nothing
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,7 @@ class Spheres:
         radius: ArrayLike | None,
         modulus: ArrayLike | None,
         count: int,
+        kind: Kind,
     ) -> Spheres | None:
         """As told, or as the law knows, or None."""
         if radius is None:
@@ -39,11 +40,12 @@ class Spheres:
         if modulus is None:
             modulus = getattr(law, "modulus", ground.modulus)
         given = {"radius": (radius, "m"), "modulus": (modulus, "Pa")}
-        return cls(*(checks.positive(name, *value, count) for name, value in given.items()))
+        return cls(*(checks.positive(name, *value, count, kind) for name, value in given.items()))
 
     def contact_radius(self, force: Array) -> Array:
         """Hertz's `a = (3 f R/(4 E*))^(1/3)`, m, zero where a contact pulls."""
-        a: Array = np.cbrt(0.75 * np.maximum(force, 0.0) * self.radius / self.modulus)
+        pressing = force.clip(0.0)
+        a: Array = kind_of(force).cbrt(0.75 * pressing * self.radius / self.modulus)
         return a
 
     def tilt(self, wrong: Array, slope: Array, force: Array) -> float:
@@ -51,8 +53,8 @@ class Spheres:
 
         A contact's own overlap is stationary there; those of its neighbours are not.
         """
-        felt = np.abs((wrong * slope).sum(axis=1)) + (wrong**2).sum(axis=1) / (2 * self.radius)
-        return float(felt[force != 0].max(initial=0.0))
+        felt = abs((wrong * slope).sum(axis=1)) + (wrong**2).sum(axis=1) / (2 * self.radius)
+        return largest(felt[force != 0])
 
 
 class Points:
@@ -67,12 +69,11 @@ class Points:
 
     def next(self, here: Array, wrong: Array, loaded: Array) -> Array:
         """The next shifts, after `here` (n, 2) were found `wrong` (n, 2) by so much."""
-        step = here + wrong
+        step, kind = here + wrong, kind_of(here)
         if self._past:
-            moved = np.stack([(here - c).ravel() for c, _ in self._past], axis=1)
-            turned = np.stack([(wrong - w).ravel() for _, w in self._past], axis=1)
-            counts = np.repeat(loaded, 2)
-            share = np.linalg.lstsq(turned[counts], wrong.ravel()[counts], rcond=1e-8)[0]
-            step = step - ((moved + turned) @ share).reshape(here.shape)
+            moved = kind.stack([here - c for c, _ in self._past], -1)
+            turned = kind.stack([wrong - w for _, w in self._past], -1)
+            felt = turned[loaded].reshape(-1, len(self._past)), wrong[loaded].reshape(-1)
+            step = step - (moved + turned) @ kind.least_squares(*felt, ALIKE)
         self._past = [*self._past, (here, wrong)][-MEMORY:]
         return step

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 from numpy.typing import ArrayLike
 
-from .checks import Array
+from .arrays import Array
 
 NODES = 200  # of the quadratures: the integrands are entire
 

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import checks
-from .checks import Array
+from .arrays import Array
 from .direct import BLOCK, KEEP
 from .ground import HalfSpace
 

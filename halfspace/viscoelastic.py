@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import checks
-from .checks import Array
+from .arrays import Array
 from .ground import HalfSpace
 from .plan import Plan
 from .solve import Equilibrium, Law, solve

@@ -39,6 +39,9 @@ def settled(bed):
         ("startup", "-n", str(FEW), "--rounds", "1", "--patience", "0"),
         ("substrate_step", "-n", str(FEW), "-g", str(FEW // 4), *QUICK),
         ("law_costs", "-n", str(FEW), "--laws", "JKR", "EEPA, Mindlin, CDT", *QUICK),
+        ("half_space", "--count", "300", "--tolerance", "1e-2"),
+        ("cold_solve", "-n", "100"),
+        ("moving_contacts", "--side", "3", "--softness", "1", "--periods", "3", "--steps", "20"),
     ],
     ids=lambda arguments: arguments[0],
 )

@@ -126,6 +126,28 @@ def test_no_equilibrium():
         if exists:
             assert halfspace.solve(cell, [[0, 0]], [overlap], law).converged
             continue
-        with pytest.raises(halfspace.NotConverged, match=r"reached .* after 50 iterations") as no:
+        words = r"reached .* after 50 iterations.* there is no equilibrium close to it"
+        with pytest.raises(halfspace.NotConverged, match=words) as no:
             halfspace.solve(cell, [[0, 0]], [overlap], law, radius=RADIUS)
         assert 1e-6 < no.value.state.residual < 1 and not no.value.state.converged
+
+
+@pytest.mark.parametrize("overlap", [0.05, 0.12, 0.15])
+def test_a_law_that_softens_faster_than_the_surface_gives(overlap):
+    """`f = 0.3 (0.2 - d)` while it touches: two equal contacts are at rest at
+    `d = (delta - 0.06 c)/(1 - 0.3 c)`, c what one does to the other, if that is above zero."""
+
+    def law(d):
+        return 0.3 * np.maximum(0.2 - d, 0.0), np.where(d < 0.2, -0.3, 0.0)
+
+    points = halfspace.HalfSpace(MODULUS, 0.0, coupling="point")
+    x, both, c = [[0, 0], [0.2, 0]], [overlap, overlap], 1 / (0.2 * np.pi)
+    expected = (overlap - 0.06 * c) / (1 - 0.3 * c)
+    if expected > 0:
+        state = halfspace.solve(points, x, both, law, residual=1e-10)
+        assert state.overlap == pytest.approx([expected] * 2, rel=1e-8)
+        assert state.softening == 2
+        return
+    with pytest.raises(halfspace.NotConverged, match=r"no equilibrium close .* softens at 2") as no:
+        halfspace.solve(points, x, both, law)
+    assert 0 < no.value.state.residual < 1 and not no.value.state.converged

@@ -403,8 +403,16 @@ def test_choice(rng):
     assert (few.method, many.method) == ("direct", "mesh")
     assert many.memory < choice.MEMORY
     text = str(many)
-    for words in ("20000 contacts", "mesh sum, because", "grid", "considered: direct sum"):
+    for words in (
+        "20000 contacts with sizes",
+        "mesh sum, because",
+        "grid",
+        "considered: direct sum",
+    ):
         assert words in text
+    points = ground(coupling="point").explain(uniform(rng, 20_000))
+    assert "sizes" not in str(points)
+    assert many.time > 1.5 * points.time and many.memory > 1.5 * points.memory
     far = outlier(rng, 20_000)
     far[10_000] = 1e7
     fallen = ground().explain(far)

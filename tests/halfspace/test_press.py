@@ -123,6 +123,24 @@ def test_the_surface_follows_the_sphere():
     assert pressed.depression(pressed.contact) == pytest.approx(sphere, rel=2e-3)
 
 
+def test_slope_of_the_dented_surface(rng):
+    """The gradient of the expansion, by differences that fall as the square of their step."""
+    pressed = halfspace.press(GROUND, square(3, 3 * R), R, approach=0.05 * R)
+    points = rng.uniform(-R, 7 * R, (40, 2))
+    slope = pressed.surface_slope(points)
+
+    def error(h):
+        steps = h * np.eye(2)
+        ahead, behind = (
+            np.stack([pressed.depression(points + sign * step) for step in steps], axis=1)
+            for sign in (1, -1)
+        )
+        return np.abs((behind - ahead) / (2 * h) - slope).max() / np.abs(slope).max()
+
+    assert error(1e-3 * R) < 1e-3
+    assert error(1e-3 * R) / error(5e-4 * R) == pytest.approx(4, abs=0.5)
+
+
 def test_units(rng):
     x, radius = square(3, 2 * R), rng.uniform(0.7, 1.0, 9) * R
     here = halfspace.press(GROUND, x, radius, load=1e-3)

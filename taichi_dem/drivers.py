@@ -43,8 +43,11 @@ class Drivers:
     @ti.func
     def surface(self):
         if ti.static(self.has_exchange):
-            if self.exchange.on_host[None] == 0:
-                self.exchange.update()
+            self.exchange.begin()
+            while self.exchange.calls() != 0:
+                for block in range(self.exchange.blocks()):
+                    self.exchange.share(block)
+                self.exchange.proceed()
 
     @ti.func
     def settle_boundaries(self):
@@ -127,29 +130,42 @@ class Drivers:
         n, members = self.particles.count, ti.static(self.meeting.members)
         low, high = n * member // members, n * (member + 1) // members
         first, last = self.contacts.start[low], self.contacts.start[high]
-        made = 0
+        made, met = 0, 0
         while self.meeting.look(CALLED) > made:
+            if ti.static(self.has_exchange):
+                while self.exchange.calls() != 0:
+                    block = member
+                    while block < self.exchange.blocks():
+                        self.exchange.share(block)
+                        block += members
+                    if self.meeting.last_to_arrive():
+                        self.exchange.proceed()
+                        self.meeting.release()
+                    met += 1
+                    self.meeting.wait(met)
             for p in range(first, last):
                 self.forces.evaluate(p, self.control.time_step[None])
             if self.meeting.last_to_arrive():
                 self.settle_boundaries()
                 self.carry_boundaries()
                 self.meeting.release()
-            self.meeting.wait(2 * made + 1)
+            self.meeting.wait(met + 1)
             for i in range(low, high):
                 self.move(i)
             made += 1
             if self.meeting.last_to_arrive():
                 self.call_step(made, steps)
                 self.meeting.release()
-            self.meeting.wait(2 * made)
+            met += 2
+            self.meeting.wait(met)
 
     @ti.func
     def call_step(self, made, steps):
         """Call for one more step, unless enough are made or the host is needed."""
         self.meeting.number[MADE] = made
         if made < steps and self.control.calls_host() == 0:
-            self.surface()
+            if ti.static(self.has_exchange):
+                self.exchange.begin()
             self.meeting.call()
 
     # -- the ends of a run -----------------------------------------------------------------------

@@ -53,8 +53,7 @@ class Energy:
             for axis in ti.static(range(3)):
                 sums[1] -= mass * gravity[axis] * body.position[axis]
             if ti.static(self.coupled):
-                ground = self.exchange.ground[i]
-                sums[4] -= 0.5 * ground.force * ground.expansion
+                sums[4] += self.exchange.stored(i)
         ti.loop_config(serialize=True)
         for p in range(self.contacts.start[self.particles.count]):
             if self.contacts.touching[p] != APART:

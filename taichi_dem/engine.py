@@ -17,6 +17,7 @@ from taichi_dem.exchange import Exchange
 from taichi_dem.forces import Coefficients, Forces, history_of
 from taichi_dem.grid import Grid, best_cell_size
 from taichi_dem.guards import SimulationStopped
+from taichi_dem.hosted import HostedExchange
 from taichi_dem.integrate import Verlet
 from taichi_dem.meeting import Meeting
 from taichi_dem.neighbors import Neighbors
@@ -62,6 +63,7 @@ class Engine:
             builder.dense(ti.ij, len(materials)).place(table.table)
         self._soil = place[scene.substrate.material] if scene.substrate else -1
         self.exchange = self._make_exchange(builder)
+        self.hosted = HostedExchange(self.exchange) if self.exchange is not None else None
         self._trees = [builder.finalize()]
         weakref.finalize(self, _destroy, self._trees)
         self.control.fill(time_step, scene.gravity, max_overlap)
@@ -122,7 +124,7 @@ class Engine:
 
     def _solve_on_host(self) -> None:
         if self.exchange is not None and self.exchange.hosted:
-            self.exchange.update_on_host()
+            self.hosted.update()
 
     def _answer(self) -> None:
         """Do what the kernels called the host for."""
@@ -269,6 +271,7 @@ class Engine:
             self.scene.law,
             self._coefficients["normal"],
             self._soil,
+            self.scene.materials,
             self.control,
             builder,
         )
@@ -291,6 +294,8 @@ class Engine:
 
     def energy_parts(self) -> dict[str, float]:
         """Where the energy is now, J."""
+        if self.hosted is not None and self.exchange.hosted:
+            self.hosted.note_energy()
         return self.energy.parts(np.array(self.scene.gravity), self.lost)
 
 

@@ -6,23 +6,24 @@ contacts with overlaps delta over the undeformed surface satisfy
     d + w(H(d), x + c) + c^2/(2R) = delta,    c = R grad(-w),
 
 (points: without c).  w is summed exactly (an evaluation), which is dear; its derivative dw/df is
-kept as a matrix that is a little old, which is cheap.  So each evaluation gives the defect, and a
-model `w + (dw/df) (f - f_evaluated)` is solved for the next guess, by semismooth Newton: its step s
+kept as a matrix that is a little old, which is cheap.  From the last state whose w is known, the
+model `w + (dw/df) (f - f_known)` is solved for the next guess, by semismooth Newton: its step s
 solves (I + C K) s = -defect, K = H'(d), by conjugate gradients in the inner product of K: nothing
 is divided by a stiffness that may vanish, and open contacts follow without a case of their own.
-The defect falls by the error of the matrix, a hundredfold, per evaluation; what the past lets one
-expect often needs no second one.
+Then w is evaluated there.  The defect falls a hundredfold or so from one evaluation to the next;
+and as the first model of a step knows w of the last one, and how it drifted from its models before,
+one evaluation is mostly enough.
 
 What is summed is shared out in blocks, by one thread or a team: ``begin``, then ``share`` of all
-blocks and ``proceed`` in turn, until the ``phase`` is DONE.
+``blocks`` and ``proceed`` in turn, until the ``phase`` is DONE.
 """
 
 import math
 
-from taichi_dem.pair_sums import PairSums
+from taichi_dem.pair_sums import PairSums, of
 from taichi_dem.types import real, ti
 
-DONE, EVALUATE, RENEW, DIRECTION, MODEL = range(5)  # what is to be shared next
+DONE, START, RENEW, MODEL, DIRECTION, EVALUATE = range(6)  # what is to be done next
 MOST_EVALUATIONS = 40
 MOST_STEPS = 20  # of Newton, between two evaluations
 MODEL_ERROR = 3e-3  # of the defect: the model is not solved further than it is right
@@ -35,9 +36,11 @@ GROWN = 0.1  # squared sphere radii: those whose squared radius has changed by s
 class CoupledSolve:
     """Scratch fields for at most ``capacity`` contacts; ``law(k, d)`` gives what H and H' are.
 
-    The caller sets home_x, home_y (m), overlap delta and effective d (m), radius R (m), size
-    3 R/(4 E*) (m2/N), opening (the d at which a contact lets go, m) and shift_x, shift_y (c, m).
-    Force H(d) (N), effective, shifts, and what the sums give come back.
+    The caller sets, for each of ``count`` contacts, home_x, home_y (m), overlap delta (m), a guess
+    of effective d (m), radius R (m), size 3 R/(4 E*) (m2/N), opening (the d at which a contact
+    lets go, m), a guess shift_x, shift_y of c (m), and from the last step force (N) and base, the d
+    that the surface would leave if the forces stayed the same (m).  Come back force, effective and
+    shifts; gain (m), what the matrix made of the change of forces; and what the sums give.
     """
 
     def __init__(
@@ -61,7 +64,7 @@ class CoupledSolve:
         builder.place(self.applications)
         for name in (
             "home_x home_y overlap effective radius size opening shift_x shift_y tangent"
-            " evaluated base defect step remainder direction loaded"
+            " known base gain defect step remainder direction image loaded"
         ).split():
             setattr(self, name, ti.field(real))
             builder.dense(ti.i, capacity).place(getattr(self, name))
@@ -74,18 +77,9 @@ class CoupledSolve:
     # -- the way through -------------------------------------------------------------------------
 
     @ti.func
-    def begin(self, law: ti.template()):
-        """Start from the guess in ``effective`` and the shifts; lagged, from the ``force``."""
-        scale = 0.0
-        for k in range(self.count[None]):
-            scale = ti.max(scale, self.overlap[k] - self.opening[k])
-            if self.effective[k] > self.opening[k]:
-                scale = ti.max(scale, -self.opening[k])
-        self.scale[None], self.goal[None] = scale, self.residual[None] * scale
-        self.evaluations[None], self.error[None] = 0, math.inf
-        if ti.static(not self.lagged):
-            self.load(law)
-        self.call_evaluation()
+    def blocks(self):
+        """How many there are to share out in this phase."""
+        return ti.select(self.phase[None] == START, 0, self.sums.blocks())
 
     @ti.func
     def share(self, block):
@@ -100,28 +94,66 @@ class CoupledSolve:
 
     @ti.func
     def proceed(self, law: ti.template()) -> ti.i32:
-        """Go on after all blocks are done; returns 0 if no equilibrium is to be found."""
-        phase, solved = self.phase[None], 1
-        if phase == EVALUATE:
+        """Go on after all blocks are done; returns 0 if no equilibrium is to be found.
+
+        (Every part stands here once: all of this is compiled into every driver.)"""
+        solved, newton, load, model, evaluation = 1, 0, 0, 0, 0
+        phase = self.phase[None]
+        if phase == START:
+            self.start()
             if ti.static(self.lagged):
-                self.follow(law)
+                evaluation = 1
+            else:
+                load = 1
+        elif phase == RENEW:
+            self.renewed()
+            model = 1
+        elif phase == MODEL:
+            evaluation = self.check_model()
+            newton = 1 - evaluation
+        elif phase == DIRECTION:
+            load = self.conjugate()
+            if load != 0:
+                self.take_step()
+        elif phase == EVALUATE:
+            if ti.static(self.lagged):
+                self.follow()
+                load = 1
             else:
                 solved = self.judge()
-        elif phase == RENEW:
+                newton = ti.cast(self.phase[None] == MODEL, ti.i32)
+        if newton != 0:
+            load = 1 - self.start_newton()
+            if load != 0:
+                self.take_step()
+        if load != 0:
+            self.load(law)
+            model = ti.cast(self.phase[None] == MODEL, ti.i32)
+        if model != 0:
             for k in range(self.count[None]):
-                self.sums.moved[k] = 0
-            self.stale[None] = 0
-            self.phase[None] = MODEL
-        elif phase == DIRECTION:
-            self.conjugate()
-        if self.phase[None] == MODEL:
-            if phase == MODEL:
-                self.check_model()
-            if self.phase[None] == MODEL:
-                self.start_newton()
-        if self.phase[None] == DIRECTION and self.product[None] <= 0.0:
-            self.take_step(law)
+                self.loaded[k] = self.force[k] - self.known[k]
+        if model != 0 or self.phase[None] == DIRECTION:
+            self.sums.gather_loads(self.loaded)
+        if evaluation != 0:
+            self.call_evaluation()
         return solved
+
+    @ti.func
+    def start(self):
+        """From the caller's guess to the first model; lagged, to an evaluation."""
+        scale = 0.0
+        for k in range(self.count[None]):
+            scale = ti.max(scale, self.overlap[k] - self.opening[k])
+            if self.effective[k] > self.opening[k]:
+                scale = ti.max(scale, -self.opening[k])
+            self.known[k], self.gain[k] = self.force[k], 0.0
+            self.place(k)
+        self.scale[None], self.goal[None] = scale, self.residual[None] * scale
+        self.evaluations[None], self.error[None] = 0, math.inf
+        if ti.static(not self.lagged):
+            for k in range(self.count[None]):
+                self.keep_up(k, False)
+            self.begin_model(0.0)
 
     # -- evaluations -----------------------------------------------------------------------------
 
@@ -136,17 +168,22 @@ class CoupledSolve:
             self.force[k], self.tangent[k] = force, tangent
 
     @ti.func
+    def place(self, k):
+        """Where and how large contact ``k`` is with its present force."""
+        self.sums.x[k], self.sums.y[k] = self.home_x[k], self.home_y[k]
+        if ti.static(self.finite):
+            self.sums.x[k] += self.shift_x[k]
+            self.sums.y[k] += self.shift_y[k]
+            square = 0.0
+            if self.force[k] > 0.0:
+                square = ti.pow(self.size[k] * self.force[k], 2.0 / 3.0)
+            self.sums.square[k] = square
+
+    @ti.func
     def call_evaluation(self):
         """Of the present forces, at the present points of contact."""
         for k in range(self.count[None]):
-            self.sums.x[k], self.sums.y[k] = self.home_x[k], self.home_y[k]
-            if ti.static(self.finite):
-                self.sums.x[k] += self.shift_x[k]
-                self.sums.y[k] += self.shift_y[k]
-                square = 0.0
-                if self.force[k] > 0.0:
-                    square = ti.pow(self.size[k] * self.force[k], 2.0 / 3.0)
-                self.sums.square[k] = square
+            self.place(k)
         self.sums.gather_sources()
         self.applications[None] += 1
         self.phase[None] = EVALUATE
@@ -154,7 +191,7 @@ class CoupledSolve:
     @ti.func
     def reached(self, k):
         """The effective overlap that the surface leaves contact ``k``."""
-        reached = self.overlap[k] - self.sums.displacement[k]
+        reached = self.overlap[k] - of(self.sums.displacement, k)
         if ti.static(self.finite):
             square = self.shift_x[k] * self.shift_x[k] + self.shift_y[k] * self.shift_y[k]
             reached -= 0.5 * square / self.radius[k]
@@ -190,20 +227,18 @@ class CoupledSolve:
         elif self.evaluations[None] >= MOST_EVALUATIONS:
             self.phase[None], solved = DONE, 0
         else:
-            self.make_model()
-            self.phase[None] = MODEL
             for k in range(self.count[None]):
                 self.keep_up(k, error > SLOW * before)
-            if self.stale[None] != 0:
-                self.phase[None] = RENEW
+                self.improve(k)
+            self.begin_model(MODEL_ERROR * error)
         return solved
 
     @ti.func
     def tilt(self, k):
         """What a wrong point of contact ``k`` makes of overlaps, at most."""
-        wrong_x = self.radius[k] * self.sums.slope_x[k] - self.shift_x[k]
-        wrong_y = self.radius[k] * self.sums.slope_y[k] - self.shift_y[k]
-        felt = ti.abs(wrong_x * self.sums.slope_x[k] + wrong_y * self.sums.slope_y[k])
+        wrong_x = self.radius[k] * of(self.sums.slope_x, k) - self.shift_x[k]
+        wrong_y = self.radius[k] * of(self.sums.slope_y, k) - self.shift_y[k]
+        felt = ti.abs(wrong_x * of(self.sums.slope_x, k) + wrong_y * of(self.sums.slope_y, k))
         return felt + 0.5 * (wrong_x * wrong_x + wrong_y * wrong_y) / self.radius[k]
 
     @ti.func
@@ -223,79 +258,101 @@ class CoupledSolve:
             self.stale[None] = 1
 
     @ti.func
-    def follow(self, law: ti.template()):
+    def follow(self):
         """The surface as the last step's forces leave it."""
         for k in range(self.count[None]):
             self.effective[k] = self.reached(k)
-        self.load(law)
         self.phase[None] = DONE
 
     # -- the model -------------------------------------------------------------------------------
 
     @ti.func
-    def make_model(self):
-        """What the surface would leave to contacts that touch it where it is now tilted to."""
-        for k in range(self.count[None]):
-            base = self.overlap[k] - self.sums.displacement[k]
-            if ti.static(self.finite):
-                slope_x, slope_y = self.sums.slope_x[k], self.sums.slope_y[k]
-                x, y = self.radius[k] * slope_x, self.radius[k] * slope_y
-                base += slope_x * (x - self.shift_x[k]) + slope_y * (y - self.shift_y[k])
-                base -= 0.5 * (x * x + y * y) / self.radius[k]
-                self.shift_x[k], self.shift_y[k] = x, y
-            self.base[k], self.evaluated[k] = base, self.force[k]
-            self.defect[k] = self.effective[k] - base
-        self.model_goal[None] = ti.max(MODEL_ERROR * self.error[None], 0.3 * self.goal[None])
-        self.model_error[None], self.steps[None], self.length[None] = math.inf, 0, 1.0
+    def improve(self, k):
+        """What the surface would leave to a contact that touches it where it is now tilted to."""
+        base = self.overlap[k] - of(self.sums.displacement, k)
+        if ti.static(self.finite):
+            slope_x, slope_y = of(self.sums.slope_x, k), of(self.sums.slope_y, k)
+            x, y = self.radius[k] * slope_x, self.radius[k] * slope_y
+            base += slope_x * (x - self.shift_x[k]) + slope_y * (y - self.shift_y[k])
+            base -= 0.5 * (x * x + y * y) / self.radius[k]
+            self.shift_x[k], self.shift_y[k] = x, y
+        self.base[k], self.known[k] = base, self.force[k]
+        self.defect[k] = self.effective[k] - base
 
     @ti.func
-    def start_newton(self):
-        """(I + C K) step = -defect: the first direction."""
+    def begin_model(self, goal):
+        self.model_goal[None] = ti.max(goal, 0.3 * self.goal[None])
+        self.model_error[None], self.steps[None], self.length[None] = math.inf, 0, 1.0
+        self.phase[None] = MODEL
+        if self.stale[None] != 0:
+            self.phase[None] = RENEW
+
+    @ti.func
+    def renewed(self):
+        for k in range(self.count[None]):
+            self.sums.moved[k] = 0
+        self.stale[None], self.phase[None] = 0, MODEL
+
+    @ti.func
+    def check_model(self) -> ti.i32:
+        """Whether the model is solved, and the truth to be asked again."""
+        error, before, solved = 0.0, self.model_error[None], 0
+        self.applications[None] += 1
+        for k in range(self.count[None]):
+            error = ti.max(error, self.miss(k, self.base[k] - of(self.sums.image, k)))
+        self.model_error[None] = error
+        if error <= self.model_goal[None] or self.steps[None] >= MOST_STEPS:
+            solved = 1
+            for k in range(self.count[None]):
+                self.gain[k] += of(self.sums.image, k)
+        else:  # across a kink of the law a full step may overshoot
+            self.length[None] = 1.0 if error < before else 0.5
+        return solved
+
+    @ti.func
+    def start_newton(self) -> ti.i32:
+        """(I + C K) step = -defect: the first direction; returns 0 if nothing is stiff."""
         product = 0.0
         for k in range(self.count[None]):
             self.step[k] = 0.0
             self.remainder[k] = -self.defect[k]
             self.direction[k] = -self.defect[k]
-            product += self.tangent[k] * self.defect[k] * self.defect[k]
-        self.product[None], self.rounds[None] = product, 0
-        self.call_direction()
-
-    @ti.func
-    def call_direction(self):
-        for k in range(self.count[None]):
             self.loaded[k] = self.tangent[k] * self.direction[k]
-        self.sums.gather_loads(self.loaded)
-        self.phase[None] = DIRECTION
+            product += self.tangent[k] * self.defect[k] * self.defect[k]
+        self.product[None], self.rounds[None], self.phase[None] = product, 0, DIRECTION
+        return ti.cast(product > 0.0, ti.i32)
 
     @ti.func
-    def conjugate(self):
-        """One round of conjugate gradients; leaves no ``product`` when it was the last."""
+    def conjugate(self) -> ti.i32:
+        """One round of conjugate gradients; returns whether it was the last."""
         curvature, before = 0.0, self.product[None]
         self.applications[None] += 1
         for k in range(self.count[None]):
-            self.sums.image[k] += self.direction[k]
-            curvature += self.loaded[k] * self.sums.image[k]
+            self.image[k] = of(self.sums.image, k) + self.direction[k]
+            curvature += self.loaded[k] * self.image[k]
         product, left = 0.0, 0.0
-        if curvature > 0.0:
+        if curvature > 0.0:  # or contacts are closer than their size: keep what there is
             length = before / curvature
             for k in range(self.count[None]):
                 self.step[k] += length * self.direction[k]
-                self.remainder[k] -= length * self.sums.image[k]
+                self.remainder[k] -= length * self.image[k]
                 if self.tangent[k] > 0.0:
                     left = ti.max(left, ti.abs(self.remainder[k]))
                 product += self.tangent[k] * self.remainder[k] * self.remainder[k]
         self.rounds[None] += 1
-        if left <= 0.5 * self.model_goal[None] or self.rounds[None] > 2 * self.count[None] + 2:
-            product = 0.0
-        self.product[None] = product
-        if product > 0.0:
+        done = ti.cast(left <= 0.5 * self.model_goal[None], ti.i32)
+        if not product > 0.0 or self.rounds[None] > 2 * self.count[None] + 2:
+            done = 1
+        if done == 0:
             for k in range(self.count[None]):
                 self.direction[k] = self.remainder[k] + (product / before) * self.direction[k]
-            self.call_direction()
+                self.loaded[k] = self.tangent[k] * self.direction[k]
+            self.product[None] = product
+        return done
 
     @ti.func
-    def take_step(self, law: ti.template()):
-        """d after the step, and the forces that the model is to be asked about."""
+    def take_step(self):
+        """d after the step of Newton."""
         for k in range(self.count[None]):
             if self.tangent[k] <= 0.0:
                 self.step[k] += self.remainder[k]
@@ -303,22 +360,5 @@ class CoupledSolve:
                 self.effective[k] + self.length[None] * self.step[k],
                 ti.max(self.effective[k], self.overlap[k]) + self.scale[None],
             )
-        self.load(law)
-        for k in range(self.count[None]):
-            self.loaded[k] = self.force[k] - self.evaluated[k]
-        self.sums.gather_loads(self.loaded)
         self.steps[None] += 1
         self.phase[None] = MODEL
-
-    @ti.func
-    def check_model(self):
-        """Whether the model is solved, and the truth to be asked again."""
-        error, before = 0.0, self.model_error[None]
-        self.applications[None] += 1
-        for k in range(self.count[None]):
-            error = ti.max(error, self.miss(k, self.base[k] - self.sums.image[k]))
-        self.model_error[None] = error
-        if error <= self.model_goal[None] or self.steps[None] >= MOST_STEPS:
-            self.call_evaluation()
-        else:  # across a kink of the law a full step may overshoot
-            self.length[None] = 1.0 if error < before else 0.5

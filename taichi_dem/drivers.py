@@ -95,8 +95,7 @@ class Drivers:
 
     @ti.kernel
     def parallel(self) -> ti.i32:
-        """One step in parallel loops; returns whether the host is needed."""
-        self.surface()
+        """One step in parallel loops, after the surface's; returns whether the host is needed."""
         for p in range(self.contacts.start[self.particles.count]):
             self.forces.evaluate(p, self.control.time_step[None])
         ti.loop_config(serialize=True)
@@ -110,6 +109,7 @@ class Drivers:
     def loop(self, steps: int) -> int:
         """As :meth:`serial`, in parallel loops."""
         for made in range(1, steps + 1):
+            self.find_surface()
             if self.parallel() != 0:
                 return made
         return steps
@@ -182,11 +182,24 @@ class Drivers:
         for _ in range(1):
             self.carry_boundaries()
 
-    @ti.kernel
-    def evaluate(self, time_step: ti.f64):
+    def evaluate(self, time_step: float) -> None:
         """Forces of the present state, ``time_step`` after the last ones (0: of a state at rest
         in its history)."""
-        self.surface()
+        self.find_surface()
+        self._evaluate(time_step)
+
+    def find_surface(self) -> None:
+        """What the substrate does to its contacts; by a kernel of its own, as it is long."""
+        if self.has_exchange:
+            self._find_surface()
+
+    @ti.kernel
+    def _find_surface(self):
+        for _ in range(1):
+            self.surface()
+
+    @ti.kernel
+    def _evaluate(self, time_step: ti.f64):
         for p in range(self.contacts.start[self.particles.count]):
             self.forces.evaluate(p, time_step)
         for i in range(self.particles.count):

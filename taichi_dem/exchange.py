@@ -16,8 +16,9 @@ from taichi_dem.contact_list import SUBSTRATE, ContactList
 from taichi_dem.contacts.contact import at_rest
 from taichi_dem.contacts.elasticity import effective_youngs_modulus
 from taichi_dem.control import UNSOLVED, Control
-from taichi_dem.coupling import DONE, CoupledSolve
+from taichi_dem.coupling import DONE, START, CoupledSolve
 from taichi_dem.material import Material
+from taichi_dem.pair_sums import of
 from taichi_dem.particles import Particles
 from taichi_dem.scene import Substrate
 from taichi_dem.types import PRECISION, real, ti, vec2, vec3
@@ -25,12 +26,14 @@ from taichi_dem.types import PRECISION, real, ti, vec2, vec3
 IN_KERNEL_CONTACTS = 2048  # their matrix takes 16 MB
 ROUND_OFF = 1e-14 if PRECISION == "double" else 1e-5  # no residual can be asked to be smaller
 PAST = 4  # displacements kept: the next one is extrapolated from them by a cubic
+DRIFTS = 3
 FAST_IMPACT = 0.1  # of the substrate's shear wave speed: beyond, it is not quasi-static
 WIDE_CONTACT = 0.3  # contact radius over sphere radius: beyond, strains are not small
 CLOSE_POINTS = 6.0  # contact radii: closer, a contact is not a point for its neighbours
 TOUCHED, WIDE, CLOSE = 1, 2, 4  # what has been noticed of a contact since it was made
 
 past_values = ti.types.vector(PAST, real)
+past_drifts = ti.types.vector(DRIFTS, real)
 
 
 def ground_type(finite: bool) -> Any:
@@ -42,6 +45,7 @@ def ground_type(finite: bool) -> Any:
         force=real,  # elastic, N
         stored=real,  # in the surface, on account of this contact, J
         past=past_values,  # displacements of the last steps, latest first, m
+        drift=past_drifts,  # what of their changes the solve's matrix does not explain, m
         **slopes,
         age=ti.i32,  # how many of them there are
         touched=ti.i32,
@@ -199,7 +203,7 @@ class Exchange:
 
     @ti.func
     def blocks(self):
-        return self.solver.sums.blocks()
+        return self.solver.blocks()
 
     @ti.func
     def share(self, block):
@@ -207,37 +211,51 @@ class Exchange:
 
     @ti.func
     def begin(self):
-        """Where the particles are now, and what their past lets expect."""
+        """Call for the coupled solve of a new step."""
         if self.on_host[None] == 0:
-            solver = self.solver
-            for k in range(solver.count[None]):
-                i = self.members[k]
-                body = self.particles.body[i]
-                solver.home_x[k], solver.home_y[k] = body.position[0], body.position[1]
-                solver.radius[k] = body.radius
-                solver.overlap[k] = body.radius - body.position[2]
-                solver.opening[k] = 0.0
-                solver.effective[k] = solver.overlap[k] - self.expected(i)
-                solver.force[k] = self.ground[i].force
-                if ti.static(self.finite):
-                    solver.size[k] = self.size(i)
-                    shift = self.expected_shift(i)
-                    solver.shift_x[k], solver.shift_y[k] = shift[0], shift[1]
-            solver.begin(self.law)
+            self.solver.phase[None] = START
 
     @ti.func
     def proceed(self):
-        """Go on with the coupled solve after all blocks are done."""
-        if self.solver.proceed(self.law) == 0:
-            self.control.raise_flag(UNSOLVED)
-        if self.solver.phase[None] == DONE:
-            solver, sums = self.solver, self.solver.sums
+        """Go on with it after all blocks are done."""
+        solver = self.solver
+        if solver.phase[None] == START:
             for k in range(solver.count[None]):
-                i, force = self.members[k], solver.force[k]
-                slope = vec2(sums.slope_x[k], sums.slope_y[k])
-                self.ground[i].stored = force * (sums.displacement[k] - 0.5 * sums.potential[k])
-                self.receive(i, solver.effective[k] - solver.overlap[k], force, slope)
-                self.watch_neighbours(i, sums.nearest[k])
+                self.tell(k, self.members[k])
+        if solver.proceed(self.law) == 0:
+            self.control.raise_flag(UNSOLVED)
+        if solver.phase[None] == DONE:
+            for k in range(solver.count[None]):
+                self.hear(k, self.members[k])
+
+    @ti.func
+    def tell(self, k, i):
+        """Where particle ``i`` is now, and what its past lets expect."""
+        solver, body, ground = self.solver, self.particles.body[i], self.ground[i]
+        solver.home_x[k], solver.home_y[k] = body.position[0], body.position[1]
+        solver.radius[k], solver.overlap[k] = body.radius, body.radius - body.position[2]
+        solver.opening[k], solver.force[k] = 0.0, ground.force
+        solver.effective[k] = solver.overlap[k] - self.expected(i)
+        drift = _extrapolated(ground.drift, ti.min(ground.age - 1, DRIFTS))
+        solver.base[k] = solver.overlap[k] - ground.past[0] - drift
+        if ti.static(self.finite):
+            solver.size[k] = self.size(i)
+            shift = self.expected_shift(i)
+            solver.shift_x[k], solver.shift_y[k] = shift[0], shift[1]
+
+    @ti.func
+    def hear(self, k, i):
+        """What the coupled solve found for particle ``i``."""
+        solver, sums, before = self.solver, self.solver.sums, self.ground[i].past[0]
+        slope, force = vec2(of(sums.slope_x, k), of(sums.slope_y, k)), solver.force[k]
+        self.receive(i, solver.effective[k] - solver.overlap[k], force, slope)
+        drift = self.ground[i].drift
+        for step in ti.static(range(DRIFTS - 1, 0, -1)):
+            drift[step] = drift[step - 1]
+        drift[0] = self.ground[i].past[0] - before - solver.gain[k]
+        self.ground[i].drift = drift
+        self.ground[i].stored = force * (of(sums.displacement, k) - 0.5 * of(sums.potential, k))
+        self.watch_neighbours(i, of(sums.nearest, k))
 
     @ti.func
     def size(self, i):
@@ -310,15 +328,16 @@ class Exchange:
 
 
 @ti.func
-def _extrapolated(past: past_values, age: ti.i32) -> real:
-    """The next of ``age`` values, latest first."""
+def _extrapolated(past: ti.template(), age):
+    """The next of ``age`` values, latest first, or of as many as are kept."""
     next_one = 0.0
     if age == 1:
         next_one = past[0]
     elif age == 2:
         next_one = 2.0 * past[0] - past[1]
-    elif age == 3:
+    elif age >= 3:
         next_one = 3.0 * (past[0] - past[1]) + past[2]
-    elif age >= 4:
-        next_one = 4.0 * (past[0] + past[2]) - 6.0 * past[1] - past[3]
+    if ti.static(past.n >= 4):
+        if age >= 4:
+            next_one = 4.0 * (past[0] + past[2]) - 6.0 * past[1] - past[3]
     return next_one

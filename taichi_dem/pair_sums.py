@@ -25,6 +25,12 @@ PairKernel = ti.types.struct(value=real, by_size=real, twice_by_size=real, by_sq
 
 
 @ti.func
+def of(field: ti.template(), k):
+    """What contact ``k`` has in a field by blocks and lanes."""
+    return field[k // LANES, k % LANES]
+
+
+@ti.func
 def pair_kernel(square: real, size: real) -> PairKernel:
     """K of two contacts at the squared distance ``square`` with ``size = a_j^2 + a_k^2``, and its
     derivatives by both; nothing for two points at one place."""
@@ -66,12 +72,15 @@ class PairSums:
         self.compliance, self.unit = ti.field(real), ti.field(real)  # 1/(pi E'), of ``loads``
         builder.place(self.count, self.sources, self.loads, self.compliance, self.unit)
         for name in (
-            "x y square force displacement potential slope_x slope_y nearest"
+            "x y square force old_x old_y old_square"
             " source_x source_y source_square source_force source_moment"
-            " old_x old_y old_square image"
         ).split():
             setattr(self, name, ti.field(real))
             builder.dense(ti.i, rows).place(getattr(self, name))
+        for name in "displacement potential slope_x slope_y nearest image".split():
+            setattr(self, name, ti.field(real))
+            # Only so does the compiler know that the lanes of any block lie side by side.
+            builder.dense(ti.i, blocks).dense(ti.j, LANES).place(getattr(self, name))
         self.moved, self.load_place = ti.field(ti.i32), ti.field(ti.i32)
         builder.dense(ti.i, rows).place(self.moved)
         builder.dense(ti.i, rows).place(self.load_place)
@@ -144,31 +153,38 @@ class PairSums:
                     nearest[lane] = ti.min(nearest[lane], ti.select(r2 > 0.0, r2, math.inf))
         unit = self.compliance[None]
         for lane in ti.static(range(LANES)):
-            k = first + lane
-            self.displacement[k] = unit * (near[lane] + square[lane] / 6.0 * steep[lane])
-            self.potential[k] = unit * (near[lane] + square[lane] / 10.0 * steep[lane])
-            self.slope_x[k], self.slope_y[k] = unit * slope_x[lane], unit * slope_y[lane]
-            self.nearest[k] = nearest[lane]
+            sunk = near[lane] + square[lane] / 6.0 * steep[lane]
+            self.displacement[block, lane] = unit * sunk
+        for lane in ti.static(range(LANES)):
+            potential = near[lane] + square[lane] / 10.0 * steep[lane]
+            self.potential[block, lane] = unit * potential
+        for lane in ti.static(range(LANES)):
+            self.slope_x[block, lane] = unit * slope_x[lane]
+        for lane in ti.static(range(LANES)):
+            self.slope_y[block, lane] = unit * slope_y[lane]
+        if ti.static(not self.finite):
+            for lane in ti.static(range(LANES)):
+                self.nearest[block, lane] = nearest[lane]
         if ti.static(self.finite):
             if left_out.sum() > own:
-                for k in range(first, ti.min(first + LANES, self.count[None])):
-                    self.add_overlapping(k)
+                for lane in range(ti.min(LANES, self.count[None] - first)):
+                    self.add_overlapping(block, lane)
 
     @ti.func
-    def add_overlapping(self, k):
-        """What contacts do that overlap contact ``k``."""
+    def add_overlapping(self, block, lane):
+        """What contacts do that overlap the contact of a lane."""
+        k = block * LANES + lane
         for j in range(self.count[None]):
             dx, dy = self.x[k] - self.x[j], self.y[k] - self.y[j]
             square, size = dx * dx + dy * dy, self.square[k] + self.square[j]
             if j != k and not square > TOUCHING * size:
                 kernel = pair_kernel(square, size)
                 force = self.compliance[None] * self.force[j]
-                self.displacement[k] += force * (
-                    kernel.value + 2.0 / 3.0 * self.square[k] * kernel.by_size
-                )
-                self.potential[k] += force * kernel.value
-                self.slope_x[k] -= 2.0 * force * kernel.by_square * dx
-                self.slope_y[k] -= 2.0 * force * kernel.by_square * dy
+                sunk = kernel.value + 2.0 / 3.0 * self.square[k] * kernel.by_size
+                self.displacement[block, lane] += force * sunk
+                self.potential[block, lane] += force * kernel.value
+                self.slope_x[block, lane] -= 2.0 * force * kernel.by_square * dx
+                self.slope_y[block, lane] -= 2.0 * force * kernel.by_square * dy
 
     # -- the kept matrix -------------------------------------------------------------------------
 
@@ -217,4 +233,4 @@ class PairSums:
             for lane in ti.static(range(LANES)):
                 sums[lane] += self.matrix[block, j, lane] * load
         for lane in ti.static(range(LANES)):
-            self.image[block * LANES + lane] = self.unit[None] * ti.cast(sums[lane], real)
+            self.image[block, lane] = self.unit[None] * ti.cast(sums[lane], real)

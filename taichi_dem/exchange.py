@@ -248,11 +248,12 @@ class Exchange:
         """What the coupled solve found for particle ``i``."""
         solver, sums, before = self.solver, self.solver.sums, self.ground[i].past[0]
         slope, force = vec2(of(sums.slope_x, k), of(sums.slope_y, k)), solver.force[k]
-        self.receive(i, solver.effective[k] - solver.overlap[k], force, slope)
+        sunk = solver.overlap[k] - solver.reached(k)  # by the sums, to rounding
+        self.receive(i, solver.effective[k] - solver.overlap[k], sunk, force, slope)
         drift = self.ground[i].drift
         for step in ti.static(range(DRIFTS - 1, 0, -1)):
             drift[step] = drift[step - 1]
-        drift[0] = self.ground[i].past[0] - before - solver.gain[k]
+        drift[0] = sunk - before - solver.gain[k]
         self.ground[i].drift = drift
         self.ground[i].stored = force * (of(sums.displacement, k) - 0.5 * of(sums.potential, k))
         self.watch_neighbours(i, of(sums.nearest, k))
@@ -278,12 +279,13 @@ class Exchange:
         return self.particles.body[i].radius * vec2(slope_x, slope_y)
 
     @ti.func
-    def receive(self, i, expansion, force, slope):
-        """Keep what came back for particle ``i``, and watch the assumptions."""
+    def receive(self, i, expansion, sunk, force, slope):
+        """Keep what came back for particle ``i``, and watch the assumptions; ``sunk`` is what
+        -``expansion`` is to within the residual."""
         ground = self.ground[i]
         for step in ti.static(range(PAST - 1, 0, -1)):
             ground.past[step] = ground.past[step - 1]
-        ground.past[0] = -expansion
+        ground.past[0] = sunk
         if ti.static(self.finite):
             for step in ti.static(range(PAST - 1, 0, -1)):
                 ground.past_x[step] = ground.past_x[step - 1]

@@ -112,7 +112,8 @@ class HostedExchange:
         ti.loop_config(serialize=True)
         for k in range(n):
             i = self.exchange.members[k]
-            self.exchange.receive(i, expansion[k], force[k], vec2(slope[k, 0], slope[k, 1]))
+            fall = vec2(slope[k, 0], slope[k, 1])
+            self.exchange.receive(i, expansion[k], -expansion[k], force[k], fall)
 
     @ti.kernel
     def _store(self, n: ti.i32, stored: ti.types.ndarray()):

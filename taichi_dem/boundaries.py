@@ -51,13 +51,11 @@ class _Travel:
     load: float = 0.0
     inverse_mass: float = 0.0
 
-    @property
-    def moves(self) -> bool:
-        return len(self.table) > 1 or self.final_speed != 0 or self.inverse_mass > 0
-
 
 def _travel_of(boundary: Plane | Box | Piston) -> _Travel:
-    if isinstance(boundary, Plane) and any(boundary.velocity):
+    if not boundary.moves:
+        return _Travel()
+    if isinstance(boundary, Plane):
         speed = math.hypot(*boundary.velocity)
         return _Travel(tuple(v / speed for v in boundary.velocity), final_speed=speed)
     if isinstance(boundary, Piston):
@@ -89,8 +87,9 @@ class Boundaries:
         self._faces = faces
         self.owner = np.array([b for b, *_ in faces], dtype=int)
         self.count, self.face_count = len(scene.boundaries), len(faces)
-        self.any_moves = any(travel.moves for travel in self._travels)
-        self._moving_faces = sum(self._travels[b].moves for b in self.owner)
+        self._moves = [boundary.moves for boundary in scene.boundaries]
+        self.any_moves = any(self._moves)
+        self._moving_faces = sum(self._moves[b] for b in self.owner)
         self.longest_table = max([len(t.table) for t in self._travels], default=1)
         self.face, self.motion = Face.field(), Motion.field()
         self.table = ti.field(real)
@@ -127,7 +126,7 @@ class Boundaries:
                 "inverse_mass": travel.inverse_mass,
                 "rows": len(travel.table),
                 "final_speed": travel.final_speed,
-                "moves": int(travel.moves),
+                "moves": int(self._moves[b]),
                 "approach": self._approach(b),
                 "enrolled": 0.0,
             }

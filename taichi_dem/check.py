@@ -19,7 +19,7 @@ from taichi_dem.wording import memory as in_bytes
 
 PILOT_SECONDS = 1.0
 PILOT_STEPS = 400
-WARM_UP_STEPS = 66  # all drivers are compiled within these, and most scenes have tried them
+WARM_UP_STEPS = 132  # all drivers are compiled within these, and most scenes have tried them
 SETTLED = 3.0  # contacts per sphere from which a bed is as dense as it gets
 SLOWER = 4  # times, at most, that a settled bed is slower than falling spheres (measured: 2 to 4)
 
@@ -110,7 +110,7 @@ def effects(sim: Any) -> Iterator[tuple[str, str]]:
     if contacts.dissipates:
         causes = ["friction"] if law.tangential is not None else []
         on.append(("dissipation", f"is summed up: {', '.join([*causes, 'damping'])}"))
-    moving = [str(k) for k, wall in enumerate(scene.boundaries) if _moves(wall)]
+    moving = [str(k) for k, wall in enumerate(scene.boundaries) if wall.moves]
     if moving:
         on.append(("motion", f"of boundary {', '.join(moving)}"))
     absent = {
@@ -155,13 +155,9 @@ def _boundary(boundary: Boundary) -> str:
         elif boundary.program:
             text += f", follows a program of {count(len(boundary.program), 'row')}"
     speed = getattr(boundary, "velocity", None)
-    if _moves(boundary) and speed is not None:
+    if boundary.moves and speed is not None:
         text += f", moves at {quantity(float(np.linalg.norm(speed)), 'm/s')}"
     return text
-
-
-def _moves(boundary: Boundary) -> bool:
-    return isinstance(boundary, Piston) or bool(np.any(getattr(boundary, "velocity", 0.0)))
 
 
 def _coupling(substrate: Any) -> str:

@@ -60,7 +60,7 @@ class Engine:
         self.particles = Particles(spheres, self.mass, self.material, builder)
         self.boundaries = Boundaries(scene, self.particles, builder)
         for table in coefficients.values():
-            builder.dense(ti.ij, len(materials)).place(table.table)
+            table.place(builder)
         self._soil = place[scene.substrate.material] if scene.substrate else -1
         self.exchange = self._make_exchange(builder)
         self.hosted = HostedExchange(self.exchange) if self.exchange is not None else None
@@ -74,6 +74,7 @@ class Engine:
         if self.exchange is not None:
             self.exchange.fill()
 
+        self._smallest = float(spheres.radius.min())
         self.skin = Skin(spheres.radius)
         self.pace = Pace(spheres.count, driver, self.meeting.assembles)
         self._extent = np.maximum(np.ptp(spheres.position, axis=0), 2 * spheres.radius.max())
@@ -147,14 +148,14 @@ class Engine:
             self.rebuild()
 
     def _stop_at_nonsense(self) -> None:
-        row = guards.first_offender(self.particles, self.time_step)
-        if row >= 0:
-            self._stop(guards.describe_offender(self.particles, row, self.time_step), row)
-        if self.boundaries.any_moves:
-            speeds = self.boundaries.read()[:, 1]
-            limit = guards.FARTHEST_STEP * self.scene.spheres.radius.min() / self.time_step
-            for b in np.flatnonzero(~(np.abs(speeds) < limit)):
-                self._stop(guards.describe_boundary(int(b), speeds[b], limit), None)
+        step, smallest = self.time_step, self._smallest
+        found = guards.first_offender(self.particles, self.boundaries, step, smallest)
+        if found >= 0:
+            self._stop(guards.describe_offender(self.particles, found, step), found)
+        if found < -1:
+            b = -2 - found
+            speed = self.boundaries.motion[b].speed
+            self._stop(guards.describe_boundary(b, speed, step, smallest), None)
 
     def _stop(self, why: str, row: int | None) -> None:
         when = self.step * self.time_step

@@ -27,12 +27,16 @@ class Coefficients:
 
     def __init__(self, law: Law, slot: str, materials: Sequence[Material]):
         self._law, self._slot, self._materials = law, slot, materials
-        names = getattr(law, slot).coefficient_names
-        self.table = ti.Struct.field(dict.fromkeys(names, real))
 
     def between(self, a: Material, b: Material) -> Mapping[str, float]:
         """The coefficients of materials ``a`` and ``b``."""
         return self._law.between(self._slot, a.name, b.name).coefficients(a, b)
+
+    def place(self, builder: "ti.FieldsBuilder") -> None:
+        """Make the table, for kernels."""
+        names = getattr(self._law, self._slot).coefficient_names
+        self.table = ti.Struct.field(dict.fromkeys(names, real))
+        builder.dense(ti.ij, len(self._materials)).place(self.table)
 
     def fill(self) -> None:
         """Write the table, after it has been placed."""

@@ -26,8 +26,11 @@ class SimulationStopped(RuntimeError):
 
 
 @ti.kernel
-def first_offender(particles: ti.template(), time_step: real) -> ti.i32:
-    """The first id whose numbers are not finite or which moves too far in a step, or -1."""
+def first_offender(
+    particles: ti.template(), boundaries: ti.template(), time_step: real, smallest: real
+) -> ti.i32:
+    """The first id whose numbers are not finite or which moves too far in a step; else the first
+    boundary b that does, measured by the ``smallest`` radius (m), as -2 - b; or -1."""
     offender = particles.count
     ti.loop_config(serialize=particles.few)
     for i in range(particles.count):
@@ -36,7 +39,14 @@ def first_offender(particles: ti.template(), time_step: real) -> ti.i32:
         finite = body.position.norm() < math.inf
         if not (finite and step < FARTHEST_STEP * body.radius):
             ti.atomic_min(offender, particles.spin[i].id)
-    return offender if offender < particles.count else -1
+    found = offender if offender < particles.count else -1
+    if ti.static(boundaries.any_moves):
+        ti.loop_config(serialize=True)
+        for b in range(boundaries.count):
+            slow = time_step * ti.abs(boundaries.motion[b].speed) < FARTHEST_STEP * smallest
+            if found == -1 and not slow:
+                found = -2 - b
+    return found
 
 
 def describe_offender(particles: Particles, row: int, time_step: float) -> str:
@@ -55,8 +65,9 @@ def describe_offender(particles: Particles, row: int, time_step: float) -> str:
     )
 
 
-def describe_boundary(b: int, speed: float, limit: float) -> str:
-    """Why boundary ``b`` at ``speed`` (m/s) stops the run."""
+def describe_boundary(b: int, speed: float, time_step: float, smallest: float) -> str:
+    """Why :func:`first_offender` found boundary ``b``, at ``speed`` (m/s)."""
+    limit = FARTHEST_STEP * smallest / time_step
     return (
         f"boundary {b} moves at {speed:.3g} m/s, more than {FARTHEST_STEP:g} of the smallest "
         f"radius in one step ({limit:.3g} m/s): it could pass through spheres. Try a smaller time "

@@ -11,9 +11,10 @@ LOOPS_ABOVE = 2000  # below, waking them for every loop never pays
 PARALLEL_ABOVE = 200_000  # it always does
 TRIAL_STEPS = 20  # at least; small scenes make more, so that waking threads does not count
 TRIAL_WORK = 200_000  # particle-steps
+ROUNDS = 2  # of trials: what is disturbed in one may be the fastest in the other
+TRIAL_LASTS = 10.0  # s, until the ways are tried again
 BURST = 2000  # steps that a team makes at most before it is asked how it goes
 DISTURBED = 2.0  # times as slow as in its trial
-CALLS_PER_TRIAL = 300
 NEVER = 2**62  # steps
 
 
@@ -69,10 +70,13 @@ class Pace:
         elif asked == "team" and not together():
             self._ways = ["parallel"]
         self.driver = self._ways[0]
-        self._trials = self._ways.copy() if len(self._ways) > 1 else []
         self._trial_steps = max(TRIAL_STEPS, TRIAL_WORK // particles)
-        self._warm, self._calls = "", 0
+        self._begin_trials()
+
+    def _begin_trials(self) -> None:
+        self._trials = ROUNDS * self._ways if len(self._ways) > 1 else []
         self._cost: dict[str, float] = {}
+        self._warm, self._tried = "", time.perf_counter()
 
     def advance(self, steps: int, ways: dict[str, Callable[[int], int]]) -> int:
         """Make at most ``steps`` steps; returns how many were made."""
@@ -80,12 +84,12 @@ class Pace:
             return self._try(steps, ways)
         start = time.perf_counter()
         made = ways[self.driver](min(steps, BURST) if self.driver == "team" else steps)
-        cost = (time.perf_counter() - start) / max(made, 1)
-        self._calls += 1
+        end = time.perf_counter()
+        cost = (end - start) / max(made, 1)
         # A bed may have settled, or others may have come to use the cores.
         disturbed = cost > DISTURBED * self._cost.get(self.driver, cost)
-        if len(self._ways) > 1 and (disturbed or self._calls % CALLS_PER_TRIAL == 0):
-            self._trials = self._ways.copy()
+        if disturbed or end - self._tried > TRIAL_LASTS:
+            self._begin_trials()
         return made
 
     def _try(self, steps: int, ways: dict[str, Callable[[int], int]]) -> int:
@@ -95,7 +99,10 @@ class Pace:
             return ways[name](1)
         start = time.perf_counter()
         made = ways[name](min(steps, self._trial_steps))
-        self._cost[self._trials.pop(0)] = (time.perf_counter() - start) / max(made, 1)
+        cost = (time.perf_counter() - start) / max(made, 1)
+        self._cost[name] = min(cost, self._cost.get(name, cost))
+        self._trials.pop(0)
         if not self._trials:
             self.driver = min(self._cost, key=lambda tried: self._cost[tried])
+            self._tried = time.perf_counter()
         return made

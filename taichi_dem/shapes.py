@@ -32,6 +32,11 @@ class Boundary:
         """The name of the class, as scene files have it."""
         return type(self).__name__
 
+    @property
+    def moves(self) -> bool:
+        """Whether it ever leaves its place, or drags along what touches it."""
+        return False
+
     def faces(self) -> list[Face]:
         """Each face at time zero."""
         raise NotImplementedError
@@ -57,6 +62,10 @@ class Plane(Boundary):
             _direction_problem(self.normal),
             material_problem(self.material),
         )
+
+    @property
+    def moves(self) -> bool:
+        return any(self.velocity)
 
     def faces(self) -> list[Face]:
         return [_face(self.point, self.normal)]
@@ -141,6 +150,12 @@ class Piston(Boundary):
             problems.append(Problem("program[0]", pairs[0], "must start at displacement 0 m"))
         object.__setattr__(self, "program", tuple(map(tuple, pairs.tolist())))
         return problems
+
+    @property
+    def moves(self) -> bool:
+        if self.program is not None:
+            return any(displacement != 0 for _, displacement in self.program)
+        return self.load is not None or self.velocity != 0
 
     def faces(self) -> list[Face]:
         return [_face(self.point, self.normal)]

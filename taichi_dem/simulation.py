@@ -1,5 +1,6 @@
 """A scene in motion, as a user runs it and looks at it."""
 
+import inspect
 import math
 import time
 import warnings
@@ -151,9 +152,12 @@ class Simulation:
         return float(dt), f"given; the stable step is {stable.value:.3g} s, {stable.reason}"
 
     def _warn(self, name: str, message: str, count: int = 1) -> None:
-        """Warn once of each kind, and keep the count."""
+        """Warn once of each kind, at the line that called this class, and keep the count."""
         if name not in self.warnings:
-            warnings.warn(message, RuntimeWarning, stacklevel=3)
+            frame, level = inspect.currentframe(), 1
+            while frame and frame.f_locals.get("self") is self:
+                frame, level = frame.f_back, level + 1
+            warnings.warn(message, RuntimeWarning, stacklevel=level)
         self.warnings[name] = count
 
     def _watch(self) -> None:

@@ -5,6 +5,7 @@ import pytest
 from setups import law, restart, scene
 
 import taichi_dem as dem
+from taichi_dem import pace
 from taichi_dem.pace import NEVER, Skin
 
 R = 1e-3
@@ -74,3 +75,30 @@ def test_at_rest_it_thins_at_the_same_steps_however_a_run_is_cut(resting, driver
     for pieces in ([1] * 1200, [7, 93] * 12, [1200]):
         found = thinning(resting, pieces)
         assert found.items() <= whole.items() and 1200 in found
+
+
+def test_a_way_that_is_disturbed_in_one_trial_is_chosen_for_its_better_one(monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr(pace.time, "perf_counter", lambda: clock[0])
+    asked = []
+
+    def way(name, cost):
+        def make(steps):
+            disturbed = name == "team" and steps > 1 and asked.count("team") == 1
+            asked.extend([name] * (steps > 1))
+            clock[0] += steps * cost * (5.0 if disturbed else 1.0)
+            return steps
+
+        return make
+
+    ways = {"serial": way("serial", 2.0e-4), "team": way("team", 1.0e-4)}
+    chooser = pace.Pace(1000, "auto", lambda: True)
+    while len(asked) < 2 * pace.ROUNDS:
+        chooser.advance(1000, ways)
+    assert asked == ["serial", "team"] * pace.ROUNDS
+    assert chooser.driver == "team"
+
+    ways["team"] = way("team", 3.0e-4)  # others have come to use the cores
+    for _ in range(2 + 2 * pace.ROUNDS * 2):
+        chooser.advance(1000, ways)
+    assert chooser.driver == "serial"

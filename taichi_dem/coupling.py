@@ -27,6 +27,7 @@ DONE, START, RENEW, MODEL, DIRECTION, EVALUATE = range(6)  # what is to be done 
 MOST_EVALUATIONS = 40
 MOST_STEPS = 20  # of Newton, between two evaluations
 MODEL_ERROR = 3e-3  # of the defect: the model is not solved further than it is right
+ENOUGH = 0.7  # of what is asked for: as far the model is solved, and a step of it
 STRAIGHT = 0.1  # of what counts as solved: a law that bends by less over a step is straight
 SLOW = 0.3  # a defect that falls by less calls for a new matrix
 MOVED = 0.02  # sphere radii: contacts that have moved so far get a new matrix
@@ -285,7 +286,7 @@ class CoupledSolve:
 
     @ti.func
     def begin_model(self, goal):
-        self.model_goal[None] = ti.max(goal, 0.5 * self.goal[None])
+        self.model_goal[None] = ti.max(goal, ENOUGH * self.goal[None])
         self.model_error[None], self.steps[None], self.length[None] = math.inf, 0, 1.0
         self.phase[None] = MODEL
         if self.stale[None] != 0:
@@ -344,7 +345,7 @@ class CoupledSolve:
                     left = ti.max(left, ti.abs(self.remainder[k]))
                 product += self.tangent[k] * self.remainder[k] * self.remainder[k]
         self.rounds[None] += 1
-        done = ti.cast(left <= 0.5 * self.model_goal[None], ti.i32)
+        done = ti.cast(left <= ENOUGH * self.model_goal[None], ti.i32)
         if not product > 0.0 or self.rounds[None] > 2 * self.count[None] + 2:
             done = 1
         if done == 0:

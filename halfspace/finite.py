@@ -109,6 +109,9 @@ class Close:
         result: Array = np.bincount(self.k, values, self.count).astype(np.float64)
         return result
 
+    def potential(self, f: Array, a: Array) -> Array:
+        return self._sum(f[self.j] * self._kernel(a).value)
+
     def depression(self, f: Array, a: Array) -> Array:
         pair = self._kernel(a)
         return self._sum(f[self.j] * (pair.value + 2 / 3 * a[self.k] ** 2 * pair.by_size))

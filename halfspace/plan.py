@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 from math import inf, pi
@@ -87,6 +88,17 @@ class Plan:
         if self._reach:
             slope += self._close.slope(f, a) / (pi * self._modulus)
         return self._depression(f, a, near, steep), slope
+
+    def energy(self, f: Array, radius: Array | None = None) -> Array:
+        """The contacts' parts of the coupling energy `E_c`, half of each pair's: (n,), J."""
+        a = self._sized(radius)
+        if a is None:
+            return 0.5 * f * self._sum.apply(f)
+        near, steep = self._sum.pair(f, f * a * a / 10)
+        potential = near + a * a / 10 * steep
+        if self._reach:
+            potential += self._close.potential(f, a) / (math.pi * self._modulus)
+        return 0.5 * f * potential
 
     def _depression(self, f: Array, a: Array, near: Array, steep: Array) -> Array:
         w = near + a * a / 6 * steep

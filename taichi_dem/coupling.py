@@ -1,185 +1,385 @@
-"""The coupled solve for a few hundred contacts, inside a kernel and in one thread.
+"""The coupled solve for up to a few thousand contacts, inside a kernel.
 
-The same equations as ``halfspace.solve``: the effective overlaps d of contacts with overlaps
-delta over the undeformed surface satisfy
+The same equations as ``halfspace.solve``: the effective overlaps d and points of contact x + c of
+contacts with overlaps delta over the undeformed surface satisfy
 
-    F(d) = d + C H(d) - delta = 0,   C_kj = 1 / (pi E' r_kj),
+    d + w(H(d), x + c) + c^2/(2R) = delta,    c = R grad(-w),
 
-by semismooth Newton.  Its step s solves (I + C K) s = -F, K = H'(d), by conjugate gradients in the
-inner product of K: nothing is divided by a stiffness that may vanish, open contacts follow without
-a case of their own, and C K s comes with the solution.
+(points: without c).  w is summed exactly (an evaluation), which is dear; its derivative dw/df is
+kept as a matrix that is a little old, which is cheap.  From the last state whose w is known, the
+model `w + (dw/df) (f - f_known)` is solved for the next guess, by semismooth Newton: its step s
+solves (I + C K) s = -defect, K = H'(d), by conjugate gradients in the inner product of K: nothing
+is divided by a stiffness that may vanish, and open contacts follow without a case of their own.
+Then w is evaluated there.  The defect falls a hundredfold or so from one evaluation to the next;
+and as the first model of a step knows w of the last one, and how it drifted from its models before,
+one evaluation is mostly enough.
+
+What is summed is shared out in blocks, by one thread or a team: ``begin``, then ``share`` of all
+``blocks`` and ``proceed`` in turn, until the ``phase`` is DONE.
 """
 
 import math
 
-from taichi_dem.types import real, ti, vec2
+from taichi_dem.pair_sums import PairSums, of
+from taichi_dem.types import real, ti
 
-MOST_ITERATIONS = 60
-FORCING = 0.02  # how far a Newton step is solved, as a share of the residual
+DONE, START, RENEW, MODEL, DIRECTION, EVALUATE = range(6)  # what is to be done next
+MOST_EVALUATIONS = 40
+MOST_STEPS = 20  # of Newton, between two evaluations
+MODEL_ERROR = 3e-3  # of the defect: the model is not solved further than it is right
+ENOUGH = 0.7  # of what is asked for: as far the model is solved, and a step of it
+STRAIGHT = 0.1  # of what counts as solved: a law that bends by less over a step is straight
+SLOW = 0.3  # a defect that falls by less calls for a new matrix
+MOVED = 0.02  # sphere radii: contacts that have moved so far get a new matrix
+GROWN = 0.1  # squared sphere radii: those whose squared radius has changed by so much, too
 
 
 @ti.data_oriented
 class CoupledSolve:
     """Scratch fields for at most ``capacity`` contacts; ``law(k, d)`` gives what H and H' are.
 
-    position (m), overlap delta (m), effective d (m) and the d at which a contact opens (0, or less
-    where it adheres) are the caller's to set; force H(d) (N),
-    displacement C H(d) (m) and slope (the gradient of -w) come back.
+    The caller sets, for each of ``count`` contacts, home_x, home_y (m), overlap delta (m), a guess
+    of effective d (m), radius R (m), size 3 R/(4 E*) (m2/N), opening (the d at which a contact
+    lets go, m), a guess shift_x, shift_y of c (m), and from the last step force (N) and base, the d
+    that the surface would leave if the forces stayed the same (m).  Come back force, effective and
+    shifts; gain (m), what the matrix made of the change of forces; and what the sums give.
     """
 
-    def __init__(self, capacity: int, modulus: float, builder: "ti.FieldsBuilder"):
-        self.capacity = capacity
-        self.count, self.applications = ti.field(ti.i32), ti.field(ti.i64)
-        self.influence, self.residual = ti.field(real), ti.field(real)
-        self.compliance = ti.field(real)  # 1 / (pi E')
-        builder.place(self.count, self.applications, self.residual, self.compliance)
-        builder.dense(ti.ij, capacity).place(self.influence)
-        self.position, self.slope = ti.Vector.field(2, real), ti.Vector.field(2, real)
-        for field in (self.position, self.slope):
-            builder.dense(ti.i, capacity).place(field)
+    def __init__(
+        self,
+        capacity: int,
+        modulus: float,
+        finite: bool,
+        lagged: bool,
+        builder: "ti.FieldsBuilder",
+    ):
+        self.capacity, self.finite, self.lagged = capacity, finite, lagged
+        self.sums = PairSums(capacity, modulus, finite, builder)
+        self.count, self.force = self.sums.count, self.sums.force
+        for name in "phase tries rounds steps stale".split():
+            setattr(self, name, ti.field(ti.i32))
+            builder.place(getattr(self, name))
+        for name in "residual goal scale error model_goal model_error product length".split():
+            setattr(self, name, ti.field(real))
+            builder.place(getattr(self, name))
+        # How often since the start: exact sums, and products of the kept matrix.
+        self.evaluations, self.applications = ti.field(ti.i64), ti.field(ti.i64)
+        builder.place(self.evaluations, self.applications)
         for name in (
-            "overlap opening effective force tangent displacement defect step remainder"
-            " direction image loaded"
+            "home_x home_y overlap effective radius size opening shift_x shift_y tangent"
+            " known base gain defect step remainder direction image loaded"
         ).split():
             setattr(self, name, ti.field(real))
             builder.dense(ti.i, capacity).place(getattr(self, name))
-        self._modulus = modulus
 
     def fill(self, residual: float) -> None:
         """Write the constants, after the fields have been placed."""
-        self.compliance[None] = 1 / (math.pi * self._modulus)
+        self.sums.fill()
         self.residual[None] = residual
 
-    @ti.func
-    def influence_of_positions(self):
-        """C; coincident points do not act on each other, no more than a point acts on itself."""
-        for k in range(self.count[None]):
-            self.influence[k, k] = 0.0
-            for j in range(k):
-                apart = self.position[k] - self.position[j]
-                square = apart.dot(apart)
-                value = 0.0
-                if square > 0.0:
-                    value = self.compliance[None] / ti.sqrt(square)
-                self.influence[k, j] = value
-                self.influence[j, k] = value
+    # -- the way through -------------------------------------------------------------------------
 
     @ti.func
-    def apply(self, loads: ti.template(), result: ti.template()):
-        """result = C loads."""
-        n = self.count[None]
-        self.applications[None] += 1
-        for k in range(n):
-            result[k] = 0.0
-        for j in range(n):
-            load = loads[j]
-            if load != 0.0:
-                for k in range(n):
-                    result[k] += self.influence[j, k] * load
+    def blocks(self):
+        """How many there are to share out in this phase."""
+        return ti.select(self.phase[None] == START, 0, self.sums.blocks())
 
     @ti.func
-    def slopes(self):
-        """The gradient of the surface's height under each contact, by the forces on the others."""
-        n = self.count[None]
-        scale = 1.0 / (self.compliance[None] * self.compliance[None])
-        for k in range(n):
-            slope = vec2(0.0)
-            for j in range(n):
-                if self.force[j] != 0.0:
-                    weight = self.influence[k, j]
-                    slope += (
-                        self.force[j]
-                        * scale
-                        * (weight * weight * weight)
-                        * (self.position[k] - self.position[j])
-                    )
-            self.slope[k] = slope
+    def share(self, block):
+        """What there is to do in this phase for a block of contacts."""
+        phase = self.phase[None]
+        if phase == EVALUATE:
+            self.sums.evaluate(block)
+        elif phase == RENEW:
+            self.sums.renew(block)
+        else:
+            self.sums.apply(block)
 
     @ti.func
-    def solve(self, law: ti.template()) -> ti.i32:
-        """Equilibrium from the guess in ``effective``; 1 if the residual was reached, else 0."""
-        n = self.count[None]
-        scale = 0.0
-        for k in range(n):
-            scale = ti.max(scale, self.overlap[k] - self.opening[k])
-            if self.effective[k] > self.opening[k]:
-                scale = ti.max(scale, -self.opening[k])
-        goal = self.residual[None] * scale
-        solved, iteration, before, share = 0, 0, 0.0, 1.0
-        while solved == 0 and iteration < MOST_ITERATIONS:
-            largest = self.balance(law)
-            if largest <= goal:
-                solved = 1
+    def proceed(self, law: ti.template()) -> ti.i32:
+        """Go on after all blocks are done; returns 0 if no equilibrium is to be found.
+
+        (Every part stands here once: all of this is compiled into every driver.)"""
+        solved, newton, load, model, evaluation = 1, 0, 0, 0, 0
+        phase = self.phase[None]
+        if phase == START:
+            self.start()
+            if ti.static(self.lagged):
+                evaluation = 1
             else:
-                share = 1.0
-                if iteration > 0 and not (largest < before):
-                    share = 0.5  # across a kink of the law a full step may overshoot
-                before = largest
-                self.newton_step(ti.max(FORCING * largest, 0.5 * goal))
-                for k in range(n):
-                    self.effective[k] = ti.min(
-                        self.effective[k] + share * self.step[k],
-                        ti.max(self.effective[k], self.overlap[k]) + scale,
-                    )
-            iteration += 1
+                load = 1
+        elif phase == RENEW:
+            self.renewed()
+            model = 1
+        elif phase == MODEL:
+            evaluation = self.check_model()
+            newton = 1 - evaluation
+        elif phase == DIRECTION:
+            load = self.conjugate()
+            if load != 0:
+                self.take_step()
+        elif phase == EVALUATE:
+            if ti.static(self.lagged):
+                self.follow()
+                load = 1
+            else:
+                solved = self.judge()
+                newton = ti.cast(self.phase[None] == MODEL, ti.i32)
+        if newton != 0:
+            load = 1 - self.start_newton()
+            if load != 0:
+                self.take_step()
+        if load != 0:
+            self.load(law)
+            if phase == DIRECTION:
+                evaluation = self.trust_step()
+            model = ti.cast(self.phase[None] == MODEL, ti.i32) * (1 - evaluation)
+        if model != 0:
+            for k in range(self.count[None]):
+                self.loaded[k] = self.force[k] - self.known[k]
+        if model != 0 or self.phase[None] == DIRECTION:
+            self.sums.gather_loads(self.loaded)
+        if evaluation != 0:
+            self.call_evaluation()
         return solved
 
     @ti.func
-    def balance(self, law: ti.template()):
-        """Force, tangent and defect F of the present d; returns the largest |F| that counts."""
-        n = self.count[None]
-        for k in range(n):
-            answer = law(k, self.effective[k])
-            self.force[k] = answer[0]
-            self.tangent[k] = answer[1]
-        self.apply(self.force, self.displacement)
-        largest = 0.0
-        for k in range(n):
-            reached, opening = self.overlap[k] - self.displacement[k], self.opening[k]
-            if self.effective[k] <= opening and reached <= opening:
-                self.effective[k] = reached  # open, and stays open: solved outright
-            self.defect[k] = self.effective[k] - reached
-            error = ti.max(self.effective[k], opening) - ti.max(reached, opening)
-            if not (ti.abs(self.defect[k]) < math.inf):  # not-a-number must not pass for solved
-                error = math.inf
-            largest = ti.max(largest, ti.abs(error))
-        return largest
+    def start(self):
+        """From the caller's guess to the first model; lagged, to an evaluation."""
+        scale = 0.0
+        for k in range(self.count[None]):
+            scale = ti.max(scale, self.overlap[k] - self.opening[k])
+            if self.effective[k] > self.opening[k]:
+                scale = ti.max(scale, -self.opening[k])
+            self.known[k], self.gain[k] = self.force[k], 0.0
+            self.place(k)
+        self.scale[None], self.goal[None] = scale, self.residual[None] * scale
+        self.tries[None], self.error[None] = 0, math.inf
+        if ti.static(not self.lagged):
+            for k in range(self.count[None]):
+                self.keep_up(k, False)
+            self.begin_model(0.0)
+
+    # -- evaluations -----------------------------------------------------------------------------
 
     @ti.func
-    def newton_step(self, goal):
-        """(I + C K) step = -defect by conjugate gradients, to within ``goal`` where loaded."""
-        n = self.count[None]
+    def load(self, law: ti.template()):
+        """Force and tangent of the present d."""
+        for k in range(self.count[None]):
+            force, tangent = 0.0, 0.0
+            if self.effective[k] > self.opening[k]:
+                answer = law(k, self.effective[k])
+                force, tangent = answer[0], ti.max(answer[1], 0.0)
+            self.force[k], self.tangent[k] = force, tangent
+
+    @ti.func
+    def place(self, k):
+        """Where and how large contact ``k`` is with its present force."""
+        self.sums.x[k], self.sums.y[k] = self.home_x[k], self.home_y[k]
+        if ti.static(self.finite):
+            self.sums.x[k] += self.shift_x[k]
+            self.sums.y[k] += self.shift_y[k]
+            square = 0.0
+            if self.force[k] > 0.0:
+                square = ti.pow(self.size[k] * self.force[k], 2.0 / 3.0)
+            self.sums.square[k] = square
+
+    @ti.func
+    def call_evaluation(self):
+        """Of the present forces, at the present points of contact."""
+        for k in range(self.count[None]):
+            self.place(k)
+        self.sums.gather_sources()
+        self.evaluations[None] += 1
+        self.phase[None] = EVALUATE
+
+    @ti.func
+    def reached(self, k):
+        """The effective overlap that the surface leaves contact ``k``."""
+        reached = self.overlap[k] - of(self.sums.displacement, k)
+        if ti.static(self.finite):
+            square = self.shift_x[k] * self.shift_x[k] + self.shift_y[k] * self.shift_y[k]
+            reached -= 0.5 * square / self.radius[k]
+        return reached
+
+    @ti.func
+    def miss(self, k, reached):
+        """Note the defect of contact ``k``; returns how much of it counts."""
+        if self.effective[k] <= self.opening[k] and reached <= self.opening[k]:
+            self.effective[k] = reached  # open, and stays open: solved outright
+        self.defect[k] = self.effective[k] - reached
+        error = ti.abs(
+            ti.max(self.effective[k], self.opening[k]) - ti.max(reached, self.opening[k])
+        )
+        if not (ti.abs(self.defect[k]) < math.inf):  # not-a-number must not pass for solved
+            error = math.inf
+        return error
+
+    @ti.func
+    def judge(self) -> ti.i32:
+        """After an evaluation: done, or on to the model; returns 0 if it is hopeless."""
+        error, before = 0.0, self.error[None]
+        for k in range(self.count[None]):
+            error = ti.max(error, self.miss(k, self.reached(k)))
+            if ti.static(self.finite):
+                if self.force[k] != 0.0:
+                    error = ti.max(error, self.tilt(k))
+        self.error[None] = error
+        self.tries[None] += 1
+        solved = 1
+        if error <= self.goal[None]:
+            self.phase[None] = DONE
+        elif self.tries[None] >= MOST_EVALUATIONS:
+            self.phase[None], solved = DONE, 0
+        else:
+            for k in range(self.count[None]):
+                self.keep_up(k, error > SLOW * before)
+                self.improve(k)
+            self.begin_model(MODEL_ERROR * error)
+        return solved
+
+    @ti.func
+    def tilt(self, k):
+        """What a wrong point of contact ``k`` makes of overlaps, at most."""
+        wrong_x = self.radius[k] * of(self.sums.slope_x, k) - self.shift_x[k]
+        wrong_y = self.radius[k] * of(self.sums.slope_y, k) - self.shift_y[k]
+        felt = ti.abs(wrong_x * of(self.sums.slope_x, k) + wrong_y * of(self.sums.slope_y, k))
+        return felt + 0.5 * (wrong_x * wrong_x + wrong_y * wrong_y) / self.radius[k]
+
+    @ti.func
+    def keep_up(self, k, at_once):
+        """The matrix is to be for contact ``k`` as it is now, if it has moved or grown too far."""
+        sums = self.sums
+        dx, dy = sums.x[k] - sums.old_x[k], sums.y[k] - sums.old_y[k]
+        square = self.radius[k] * self.radius[k]
+        if (
+            at_once
+            or sums.moved[k] != 0
+            or dx * dx + dy * dy > MOVED * MOVED * square
+            or ti.abs(sums.square[k] - sums.old_square[k]) > GROWN * square
+        ):
+            sums.old_x[k], sums.old_y[k] = sums.x[k], sums.y[k]
+            sums.old_square[k], sums.moved[k] = sums.square[k], 1
+            self.stale[None] = 1
+
+    @ti.func
+    def follow(self):
+        """The surface as the last step's forces leave it."""
+        for k in range(self.count[None]):
+            self.effective[k] = self.reached(k)
+        self.phase[None] = DONE
+
+    # -- the model -------------------------------------------------------------------------------
+
+    @ti.func
+    def improve(self, k):
+        """What the surface would leave to a contact that touches it where it is now tilted to."""
+        base = self.overlap[k] - of(self.sums.displacement, k)
+        if ti.static(self.finite):
+            slope_x, slope_y = of(self.sums.slope_x, k), of(self.sums.slope_y, k)
+            x, y = self.radius[k] * slope_x, self.radius[k] * slope_y
+            base += slope_x * (x - self.shift_x[k]) + slope_y * (y - self.shift_y[k])
+            base -= 0.5 * (x * x + y * y) / self.radius[k]
+            self.shift_x[k], self.shift_y[k] = x, y
+        self.base[k], self.known[k] = base, self.force[k]
+        self.defect[k] = self.effective[k] - base
+
+    @ti.func
+    def begin_model(self, goal):
+        self.model_goal[None] = ti.max(goal, ENOUGH * self.goal[None])
+        self.model_error[None], self.steps[None], self.length[None] = math.inf, 0, 1.0
+        self.phase[None] = MODEL
+        if self.stale[None] != 0:
+            self.phase[None] = RENEW
+
+    @ti.func
+    def renewed(self):
+        for k in range(self.count[None]):
+            self.sums.moved[k] = 0
+        self.stale[None], self.phase[None] = 0, MODEL
+
+    @ti.func
+    def check_model(self) -> ti.i32:
+        """Whether the model is solved, and the truth to be asked again."""
+        error, before, solved = 0.0, self.model_error[None], 0
+        self.applications[None] += 1
+        for k in range(self.count[None]):
+            error = ti.max(error, self.miss(k, self.base[k] - of(self.sums.image, k)))
+        self.model_error[None] = error
+        if error <= self.model_goal[None] or self.steps[None] >= MOST_STEPS:
+            solved = 1
+            for k in range(self.count[None]):
+                self.gain[k] += of(self.sums.image, k)
+        else:  # across a kink of the law a full step may overshoot
+            self.length[None] = 1.0 if error < before else 0.5
+        return solved
+
+    @ti.func
+    def start_newton(self) -> ti.i32:
+        """(I + C K) step = -defect: the first direction; returns 0 if nothing is stiff."""
         product = 0.0
-        for k in range(n):
+        for k in range(self.count[None]):
             self.step[k] = 0.0
             self.remainder[k] = -self.defect[k]
             self.direction[k] = -self.defect[k]
+            self.loaded[k] = self.tangent[k] * self.direction[k]
             product += self.tangent[k] * self.defect[k] * self.defect[k]
-        rounds, left = 0, 2.0 * goal
-        while left > goal and product > 0.0 and rounds < 2 * n + 2:
-            curvature = 0.0
-            for k in range(n):
+        self.product[None], self.rounds[None], self.phase[None] = product, 0, DIRECTION
+        return ti.cast(product > 0.0, ti.i32)
+
+    @ti.func
+    def conjugate(self) -> ti.i32:
+        """One round of conjugate gradients; returns whether it was the last."""
+        curvature, before = 0.0, self.product[None]
+        self.applications[None] += 1
+        for k in range(self.count[None]):
+            self.image[k] = of(self.sums.image, k) + self.direction[k]
+            curvature += self.loaded[k] * self.image[k]
+        product, left = 0.0, 0.0
+        if curvature > 0.0:  # or contacts are closer than their size: keep what there is
+            length = before / curvature
+            for k in range(self.count[None]):
+                self.step[k] += length * self.direction[k]
+                self.remainder[k] -= length * self.image[k]
+                if self.tangent[k] > 0.0:
+                    left = ti.max(left, ti.abs(self.remainder[k]))
+                product += self.tangent[k] * self.remainder[k] * self.remainder[k]
+        self.rounds[None] += 1
+        done = ti.cast(left <= ENOUGH * self.model_goal[None], ti.i32)
+        if not product > 0.0 or self.rounds[None] > 2 * self.count[None] + 2:
+            done = 1
+        if done == 0:
+            for k in range(self.count[None]):
+                self.direction[k] = self.remainder[k] + (product / before) * self.direction[k]
                 self.loaded[k] = self.tangent[k] * self.direction[k]
-            self.apply(self.loaded, self.image)
-            for k in range(n):
-                self.image[k] += self.direction[k]
-                curvature += self.loaded[k] * self.image[k]
-            if curvature > 0.0:
-                length = product / curvature
-                after = 0.0
-                left = 0.0
-                for k in range(n):
-                    self.step[k] += length * self.direction[k]
-                    self.remainder[k] -= length * self.image[k]
-                    if self.tangent[k] > 0.0:
-                        left = ti.max(left, ti.abs(self.remainder[k]))
-                    after += self.tangent[k] * self.remainder[k] * self.remainder[k]
-                for k in range(n):
-                    self.direction[k] = self.remainder[k] + (after / product) * self.direction[k]
-                product = after
-            else:
-                product = 0.0  # contacts closer than their size: keep what there is
-            rounds += 1
-        for k in range(n):
+            self.product[None] = product
+        return done
+
+    @ti.func
+    def take_step(self):
+        """d after the step of Newton, and the forces it reckons with."""
+        for k in range(self.count[None]):
             if self.tangent[k] <= 0.0:
                 self.step[k] += self.remainder[k]
+            before, step = self.effective[k], self.length[None] * self.step[k]
+            ceiling = ti.max(before, self.overlap[k]) + self.scale[None]
+            self.effective[k] = ti.min(before + step, ceiling)
+            self.loaded[k] = self.force[k] + self.tangent[k] * step
+            self.image[k] = self.tangent[k]
+        self.steps[None] += 1
+        self.phase[None] = MODEL
+
+    @ti.func
+    def trust_step(self) -> ti.i32:
+        """Whether the law was so straight over a whole step that the model need not be asked what
+        it makes of it."""
+        trusted = ti.cast(self.length[None] == 1.0, ti.i32)
+        for k in range(self.count[None]):
+            stiffness = ti.max(self.image[k], self.tangent[k])
+            if not ti.abs(self.force[k] - self.loaded[k]) <= STRAIGHT * self.goal[None] * stiffness:
+                trusted = 0
+        if trusted != 0:
+            for k in range(self.count[None]):
+                left = ti.select(self.image[k] > 0.0, self.remainder[k], 0.0)
+                self.gain[k] += self.base[k] - self.effective[k] - left
+        return trusted

@@ -43,8 +43,11 @@ class Drivers:
     @ti.func
     def surface(self):
         if ti.static(self.has_exchange):
-            if self.exchange.on_host[None] == 0:
-                self.exchange.update(self.contacts)
+            self.exchange.begin()
+            while self.exchange.calls() != 0:
+                for block in range(self.exchange.blocks()):
+                    self.exchange.share(block)
+                self.exchange.proceed(self.contacts)
 
     @ti.func
     def settle_boundaries(self):
@@ -92,8 +95,7 @@ class Drivers:
 
     @ti.kernel
     def parallel(self) -> ti.i32:
-        """One step in parallel loops; returns whether the host is needed."""
-        self.surface()
+        """One step in parallel loops, after the surface's; returns whether the host is needed."""
         for p in range(self.contacts.start[self.particles.count]):
             self.forces.evaluate(p, self.control.time_step[None])
         ti.loop_config(serialize=True)
@@ -107,6 +109,7 @@ class Drivers:
     def loop(self, steps: int) -> int:
         """As :meth:`serial`, in parallel loops."""
         for made in range(1, steps + 1):
+            self.find_surface()
             if self.parallel() != 0:
                 return made
         return steps
@@ -127,29 +130,42 @@ class Drivers:
         n, members = self.particles.count, ti.static(self.meeting.members)
         low, high = n * member // members, n * (member + 1) // members
         first, last = self.contacts.start[low], self.contacts.start[high]
-        made = 0
+        made, met = 0, 0
         while self.meeting.look(CALLED) > made:
+            if ti.static(self.has_exchange):
+                while self.exchange.calls() != 0:
+                    block = member
+                    while block < self.exchange.blocks():
+                        self.exchange.share(block)
+                        block += members
+                    if self.meeting.last_to_arrive():
+                        self.exchange.proceed(self.contacts)
+                        self.meeting.release()
+                    met += 1
+                    self.meeting.wait(met)
             for p in range(first, last):
                 self.forces.evaluate(p, self.control.time_step[None])
             if self.meeting.last_to_arrive():
                 self.settle_boundaries()
                 self.carry_boundaries()
                 self.meeting.release()
-            self.meeting.wait(2 * made + 1)
+            self.meeting.wait(met + 1)
             for i in range(low, high):
                 self.move(i)
             made += 1
             if self.meeting.last_to_arrive():
                 self.call_step(made, steps)
                 self.meeting.release()
-            self.meeting.wait(2 * made)
+            met += 2
+            self.meeting.wait(met)
 
     @ti.func
     def call_step(self, made, steps):
         """Call for one more step, unless enough are made or the host is needed."""
         self.meeting.number[MADE] = made
         if made < steps and self.control.calls_host() == 0:
-            self.surface()
+            if ti.static(self.has_exchange):
+                self.exchange.begin()
             self.meeting.call()
 
     # -- the ends of a run -----------------------------------------------------------------------
@@ -166,11 +182,24 @@ class Drivers:
         for _ in range(1):
             self.carry_boundaries()
 
-    @ti.kernel
-    def evaluate(self, time_step: ti.f64):
+    def evaluate(self, time_step: float) -> None:
         """Forces of the present state, ``time_step`` after the last ones (0: of a state at rest
         in its history)."""
-        self.surface()
+        self.find_surface()
+        self._evaluate(time_step)
+
+    def find_surface(self) -> None:
+        """What the substrate does to its contacts; by a kernel of its own, as it is long."""
+        if self.has_exchange:
+            self._find_surface()
+
+    @ti.kernel
+    def _find_surface(self):
+        for _ in range(1):
+            self.surface()
+
+    @ti.kernel
+    def _evaluate(self, time_step: ti.f64):
         for p in range(self.contacts.start[self.particles.count]):
             self.forces.evaluate(p, time_step)
         for i in range(self.particles.count):

@@ -18,6 +18,7 @@ from taichi_dem.exchange import Exchange
 from taichi_dem.forces import Coefficients, Forces
 from taichi_dem.grid import Grid, best_cell_size
 from taichi_dem.guards import SimulationStopped
+from taichi_dem.hosted import HostedExchange
 from taichi_dem.integrate import Verlet
 from taichi_dem.meeting import Meeting
 from taichi_dem.neighbors import Neighbors
@@ -67,6 +68,7 @@ class Engine:
             table.place(builder)
         self._soil = place[scene.substrate.material] if scene.substrate else -1
         self.exchange = self._make_exchange(builder)
+        self.hosted = HostedExchange(self.exchange) if self.exchange is not None else None
         self._trees = [builder.finalize()]
         weakref.finalize(self, _destroy, self._trees)
         self.control.fill(time_step, scene.gravity, max_overlap)
@@ -108,6 +110,7 @@ class Engine:
         self._stop_at_nonsense()
         self.rebuild(remember=False)
         self._solve_on_host()
+        self._note_stored()
         self.drivers.evaluate(0.0)
         self.drivers.note_pushes()
         self._answer()
@@ -148,7 +151,12 @@ class Engine:
 
     def _solve_on_host(self) -> None:
         if self.exchange is not None and self.exchange.hosted:
-            self.exchange.update_on_host(self.contacts)
+            self.hosted.update(self.contacts)
+
+    def _note_stored(self) -> None:
+        """What the surface holds; the solve in the kernel says so at every step."""
+        if self.exchange is not None and self.exchange.hosted:
+            self.hosted.note_energy()
 
     def _answer(self) -> None:
         """Do what the kernels called the host for."""
@@ -290,6 +298,7 @@ class Engine:
             self.effects,
             self._coefficients["normal"],
             self._soil,
+            self.scene.materials,
             self.control,
             builder,
         )
@@ -312,6 +321,7 @@ class Engine:
 
     def energy_parts(self) -> dict[str, float]:
         """Where the energy is now, J."""
+        self._note_stored()
         return self.energy.parts(np.array(self.scene.gravity), self.lost)
 
 

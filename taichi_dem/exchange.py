@@ -1,39 +1,57 @@
-"""The substrate at every step: contacts out, expansion and slope in.
+"""The substrate at every step: contacts out; expansion, slope and energy in.
 
-A few hundred contacts are solved inside the step's own kernel (:mod:`taichi_dem.coupling`); more go
-to :mod:`halfspace` through the host.  Which of the two is a matter of their number alone, so both
-drivers do the same.
+Up to two thousand contacts or so are solved inside the step's own kernel
+(:mod:`taichi_dem.coupling`); more go to :mod:`halfspace` through the host
+(:mod:`taichi_dem.hosted`).  Which of the two is a matter of their number alone, so all drivers do
+the same.
 """
 
-import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 import halfspace
 from taichi_dem.contact_list import APART, SUBSTRATE, ContactList, history_type
 from taichi_dem.contacts.contact import at_rest
+from taichi_dem.contacts.elasticity import effective_youngs_modulus
 from taichi_dem.control import UNSOLVED, Control
-from taichi_dem.coupling import CoupledSolve
+from taichi_dem.coupling import DONE, START, CoupledSolve
 from taichi_dem.effects import Effects
+from taichi_dem.material import Material
+from taichi_dem.pair_sums import of
 from taichi_dem.particles import Particles
 from taichi_dem.scene import Substrate
 from taichi_dem.types import PRECISION, real, ti, vec2, vec3
 
-IN_KERNEL_CONTACTS = 1024  # their influence matrix takes 8 MB
+IN_KERNEL_CONTACTS = 2048  # their matrix takes 16 MB
 ROUND_OFF = 1e-14 if PRECISION == "double" else 1e-5  # no residual can be asked to be smaller
 PAST = 4  # displacements kept: the next one is extrapolated from them by a cubic
+DRIFTS = 3
 FAST_IMPACT = 0.1  # of the substrate's shear wave speed: beyond, it is not quasi-static
 WIDE_CONTACT = 0.3  # contact radius over sphere radius: beyond, strains are not small
 HELD_BEYOND = 2.0  # times its opening: as far a contact holds that opens while others are solved
+CLOSE_POINTS = 6.0  # contact radii: closer, a contact is not a point for its neighbours
+TOUCHED, WIDE, CLOSE = 1, 2, 4  # what has been noticed of a contact since it was made
 
-Ground = ti.types.struct(
-    expansion=real,  # what the surface under the contact has risen by the others' forces, m
-    slope=vec2,  # the gradient of that
-    force=real,  # elastic, N
-    past=ti.types.vector(PAST, real),  # displacements of the last steps, latest first, m
-    age=ti.i32,  # how many of them there are
-    touched=ti.i32,
-)
+past_values = ti.types.vector(PAST, real)
+past_drifts = ti.types.vector(DRIFTS, real)
+
+
+def ground_type(finite: bool) -> Any:
+    """What the substrate keeps for a particle."""
+    slopes = {"past_x": past_values, "past_y": past_values} if finite else {}
+    return ti.types.struct(
+        expansion=real,  # what the surface has risen, where the sphere touches it, by the others, m
+        slope=vec2,  # the gradient of that
+        force=real,  # elastic, N
+        stored=real,  # in the surface, on account of this contact, J
+        past=past_values,  # displacements of the last steps, latest first, m
+        drift=past_drifts,  # what of their changes the solve's matrix does not explain, m
+        **slopes,
+        age=ti.i32,  # how many of them there are
+        touched=ti.i32,
+    )
 
 
 def ground_of(substrate: Substrate) -> halfspace.HalfSpace:
@@ -65,42 +83,50 @@ class Exchange:
         effects: Effects,
         coefficients,
         material: int,
+        materials: Sequence[Material],
         control: Control,
         builder: "ti.FieldsBuilder",
     ):
         self.particles, self.control = particles, control
         self.normal, self.table, self.material = law.normal, coefficients.table, material
-        self.lagged = substrate.exchange == "lagged"
+        self.lagged, self.finite = substrate.exchange == "lagged", substrate.coupling == "finite"
         self.halfspace = ground_of(substrate)
         self.residual = max(substrate.residual, ROUND_OFF)
-        self._plan: halfspace.Plan | None = None  # of the host's sums, kept from step to step
-        soil = substrate.material
-        shear = soil.youngs_modulus / (2 * (1 + soil.poissons_ratio))
-        self._wave_speed = math.sqrt(shear / soil.density)
+        self._soil, self._materials = substrate.material, materials
 
         n = particles.count
-        self.ground, self._sorted_ground = Ground.field(), Ground.field()
+        self.Ground = ground_type(self.finite)
+        self.ground, self._sorted_ground = self.Ground.field(), self.Ground.field()
         self.members, self.entry = ti.field(ti.i32), ti.field(ti.i32)
+        self.enrolled = ti.field(ti.i32)
         self.History = history_type(effects)
         self.has_history, self.adhesion = bool(effects.history), effects.adhesion
-        self.fast_impacts, self.wide_contacts = ti.field(ti.i64), ti.field(ti.i64)
+        self.noticed = ti.field(ti.i64)
+        self.softness = ti.field(real)  # by material: 3/(4 E*), 1/Pa
         self.wave_speed, self.on_host = ti.field(real), ti.field(ti.i32)
-        builder.dense(ti.i, n).place(self.ground)
-        builder.dense(ti.i, n).place(self._sorted_ground)
-        builder.dense(ti.i, n).place(self.members, self.entry)
+        fields = [self.ground, self._sorted_ground, self.members, self.entry, self.enrolled]
         if self.has_history:
             self.history = self.History.field()
-            builder.dense(ti.i, n).place(self.history)
+            fields.append(self.history)
         if self.adhesion:
             self.held = ti.field(ti.i32)
-            builder.dense(ti.i, n).place(self.held)
-        builder.place(self.fast_impacts, self.wide_contacts, self.wave_speed, self.on_host)
-        self.solver = CoupledSolve(min(n, IN_KERNEL_CONTACTS), self.halfspace.modulus, builder)
+            fields.append(self.held)
+        for field in fields:
+            builder.dense(ti.i, n).place(field)
+        builder.dense(ti.i, 3).place(self.noticed)
+        builder.dense(ti.i, len(materials)).place(self.softness)
+        builder.place(self.wave_speed, self.on_host)
+        self.solver = CoupledSolve(
+            min(n, IN_KERNEL_CONTACTS), self.halfspace.modulus, self.finite, self.lagged, builder
+        )
 
     def fill(self) -> None:
         """Write the constants, after the fields have been placed."""
         self.solver.fill(self.residual)
-        self.wave_speed[None] = self._wave_speed
+        self.wave_speed[None] = self._soil.shear_wave_speed
+        self.enrolled.fill(-1)
+        for k, material in enumerate(self._materials):
+            self.softness[k] = 0.75 / effective_youngs_modulus(material, self._soil)
 
     @ti.kernel
     def reorder(self, order: ti.template()):
@@ -118,17 +144,24 @@ class Exchange:
 
     @ti.kernel
     def _enrol(self, contacts: ti.template()) -> ti.i32:
-        number = 0
+        number, others = 0, 0
         ti.loop_config(serialize=True)
         for row in range(self.particles.count):
             i = self.particles.index_of[row]
             last = contacts.start[i + 1] - 1
             if last >= contacts.start[i] and contacts.ends[last].j == SUBSTRATE:
                 self.members[number], self.entry[number] = i, last
+                if self.enrolled[number] != row:
+                    self.enrolled[number] = row
+                    others = 1
                 number += 1
             else:
-                self.ground[i] = Ground()
-        self.solver.count[None] = ti.min(number, self.solver.capacity)
+                self.ground[i] = self.Ground()
+        count = ti.min(number, self.solver.capacity)
+        if others != 0:
+            for k in range(count):
+                self.solver.sums.moved[k] = 1
+        self.solver.count[None] = count
         return number
 
     def forget(self) -> None:
@@ -138,12 +171,14 @@ class Exchange:
     def restart(self) -> None:
         """:meth:`forget`, and count from zero again."""
         self.forget()
-        for counter in (self.fast_impacts, self.wide_contacts, self.solver.applications):
-            counter[None] = 0
+        self.noticed.fill(0)
+        self.solver.applications[None] = 0
 
-    def counts(self) -> tuple[int, int]:
-        """Impacts too fast and contacts too wide for the half-space, so far."""
-        return int(self.fast_impacts[None]), int(self.wide_contacts[None])
+    def counts(self) -> dict[str, int]:
+        """How often so far the half-space's assumptions did not hold: impacts too fast, contacts
+        too wide, points too close."""
+        names = ("fast_impacts", "wide_contacts", "close_points")
+        return {name: int(self.noticed[k]) for k, name in enumerate(names)}
 
     def read(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Elastic force (n,), expansion (n,) and slope (n, 2) by particle, in the user's order."""
@@ -164,88 +199,6 @@ class Exchange:
             force[row], expansion[row] = ground.force, ground.expansion
             for axis in ti.static(range(2)):
                 slope[row, axis] = ground.slope[axis]
-
-    # -- through the host ------------------------------------------------------------------------
-
-    def update_on_host(self, contacts: ContactList) -> None:
-        """As :meth:`update`, by ``halfspace``."""
-        n = self.count
-        position, overlap, expected, before = np.empty((n, 2)), *np.empty((3, n))
-        opening = np.empty(n)
-        self._send(n, contacts, position, overlap, expected, before, opening)
-        self._plan = self._plan or self.halfspace.plan(position)
-        if self.lagged:
-            self._plan.refresh(position)
-            effective = overlap - self._plan.apply(before)
-            force = self._host_law(effective)[0]
-            slope = self._plan.slope(force)
-        else:
-            try:
-                result = halfspace.solve(
-                    self.halfspace,
-                    position,
-                    overlap,
-                    self._host_law,
-                    residual=self.residual,
-                    start=overlap - expected,
-                    opening=opening,
-                    plan=self._plan,
-                )
-            except halfspace.NotConverged as error:
-                self.control.flags[UNSOLVED] = 1
-                result = error.state
-            effective, force, slope = result.overlap, result.force, result.slope
-            self.solver.applications[None] += result.applications
-        self._take(n, effective - overlap, force, slope)
-
-    def _host_law(self, overlap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        force, tangent = np.empty((2, len(overlap)))
-        self._evaluate_law(len(overlap), np.ascontiguousarray(overlap), force, tangent)
-        return force, tangent
-
-    @ti.kernel
-    def _send(
-        self,
-        n: ti.i32,
-        contacts: ti.template(),
-        position: ti.types.ndarray(),
-        overlap: ti.types.ndarray(),
-        expected: ti.types.ndarray(),
-        before: ti.types.ndarray(),
-        opening: ti.types.ndarray(),
-    ):
-        for k in range(n):
-            i = self.members[k]
-            opening[k] = self.settle(k, contacts)
-            body = self.particles.body[i]
-            position[k, 0], position[k, 1] = body.position[0], body.position[1]
-            overlap[k] = body.radius - body.position[2]
-            expected[k] = self.expected(i)
-            before[k] = self.ground[i].force
-
-    @ti.kernel
-    def _evaluate_law(
-        self,
-        n: ti.i32,
-        overlap: ti.types.ndarray(),
-        force: ti.types.ndarray(),
-        tangent: ti.types.ndarray(),
-    ):
-        for k in range(n):
-            answer = self.law(k, overlap[k])
-            force[k], tangent[k] = answer[0], answer[1]
-
-    @ti.kernel
-    def _take(
-        self,
-        n: ti.i32,
-        expansion: ti.types.ndarray(),
-        force: ti.types.ndarray(),
-        slope: ti.types.ndarray(),
-    ):
-        ti.loop_config(serialize=True)
-        for k in range(n):
-            self.receive(self.members[k], expansion[k], force[k], vec2(slope[k, 0], slope[k, 1]))
 
     # -- inside the step's kernel ----------------------------------------------------------------
 
@@ -305,80 +258,130 @@ class Exchange:
         return self.held[i] != 0
 
     @ti.func
-    def stored(self, i):
-        """Energy in the surface on account of the contact of particle ``i``, J."""
-        return -0.5 * self.ground[i].force * self.ground[i].expansion
+    def calls(self) -> ti.i32:
+        """Whether blocks of the coupled solve are to be shared out."""
+        return ti.atomic_or(self.solver.phase[None], 0) != DONE
 
     @ti.func
-    def update(self, contacts: ti.template()):
-        """Expansions and slopes for where the particles are now."""
-        for k in range(self.solver.count[None]):
-            i = self.members[k]
-            self.solver.opening[k] = self.settle(k, contacts)
-            body = self.particles.body[i]
-            self.solver.position[k] = vec2(body.position[0], body.position[1])
-            self.solver.overlap[k] = body.radius - body.position[2]
-            self.solver.effective[k] = self.solver.overlap[k] - self.expected(i)
-            self.solver.force[k] = self.ground[i].force
-        self.solver.influence_of_positions()
-        if ti.static(self.lagged):
-            self.lag()
-        else:
-            if self.solver.solve(self.law) == 0:
-                self.control.raise_flag(UNSOLVED)
-        self.solver.slopes()
-        for k in range(self.solver.count[None]):
-            self.receive(
-                self.members[k],
-                self.solver.effective[k] - self.solver.overlap[k],
-                self.solver.force[k],
-                self.solver.slope[k],
-            )
+    def blocks(self):
+        return self.solver.blocks()
 
     @ti.func
-    def lag(self):
-        """The surface as the last step's forces leave it."""
-        self.solver.apply(self.solver.force, self.solver.displacement)
-        for k in range(self.solver.count[None]):
-            self.solver.effective[k] = self.solver.overlap[k] - self.solver.displacement[k]
-            self.solver.force[k] = self.law(k, self.solver.effective[k])[0]
+    def share(self, block):
+        self.solver.share(block)
+
+    @ti.func
+    def begin(self):
+        """Call for the coupled solve of a new step."""
+        if self.on_host[None] == 0:
+            self.solver.phase[None] = START
+
+    @ti.func
+    def proceed(self, contacts: ti.template()):
+        """Go on with it after all blocks are done."""
+        solver = self.solver
+        if solver.phase[None] == START:
+            for k in range(solver.count[None]):
+                solver.opening[k] = self.settle(k, contacts)
+                self.tell(k, self.members[k])
+        if solver.proceed(self.law) == 0:
+            self.control.raise_flag(UNSOLVED)
+        if solver.phase[None] == DONE:
+            for k in range(solver.count[None]):
+                self.hear(k, self.members[k])
+
+    @ti.func
+    def tell(self, k, i):
+        """Where particle ``i`` is now, and what its past lets expect."""
+        solver, body, ground = self.solver, self.particles.body[i], self.ground[i]
+        solver.home_x[k], solver.home_y[k] = body.position[0], body.position[1]
+        solver.radius[k], solver.overlap[k] = body.radius, body.radius - body.position[2]
+        solver.force[k] = ground.force
+        solver.effective[k] = solver.overlap[k] - self.expected(i)
+        drift = _extrapolated(ground.drift, ti.min(ground.age - 1, DRIFTS))
+        solver.base[k] = solver.overlap[k] - ground.past[0] - drift
+        if ti.static(self.finite):
+            solver.size[k] = self.size(i)
+            shift = self.expected_shift(i)
+            solver.shift_x[k], solver.shift_y[k] = shift[0], shift[1]
+
+    @ti.func
+    def hear(self, k, i):
+        """What the coupled solve found for particle ``i``."""
+        solver, sums, before = self.solver, self.solver.sums, self.ground[i].past[0]
+        slope, force = vec2(of(sums.slope_x, k), of(sums.slope_y, k)), solver.force[k]
+        sunk = solver.overlap[k] - solver.reached(k)  # by the sums, to rounding
+        self.receive(i, solver.effective[k] - solver.overlap[k], sunk, force, slope)
+        drift = self.ground[i].drift
+        for step in ti.static(range(DRIFTS - 1, 0, -1)):
+            drift[step] = drift[step - 1]
+        drift[0] = sunk - before - solver.gain[k]
+        self.ground[i].drift = drift
+        self.ground[i].stored = force * (of(sums.displacement, k) - 0.5 * of(sums.potential, k))
+        self.watch_neighbours(i, of(sums.nearest, k))
+
+    @ti.func
+    def size(self, i):
+        """3 R/(4 E*), m2/N: a^3 over the force on a Hertz contact."""
+        return self.softness[self.particles.spin[i].material] * self.particles.body[i].radius
 
     @ti.func
     def expected(self, i):
         """The displacement that the past steps lead one to expect."""
-        past, age = self.ground[i].past, self.ground[i].age
-        expected = 0.0
-        if age == 1:
-            expected = past[0]
-        elif age == 2:
-            expected = 2.0 * past[0] - past[1]
-        elif age == 3:
-            expected = 3.0 * (past[0] - past[1]) + past[2]
-        elif age >= 4:
-            expected = 4.0 * (past[0] + past[2]) - 6.0 * past[1] - past[3]
-        return expected
+        return _extrapolated(self.ground[i].past, self.ground[i].age)
 
     @ti.func
-    def receive(self, i, expansion, force, slope):
-        """Keep what came back for particle ``i``, and watch the assumptions."""
+    def expected_shift(self, i):
+        """Likewise the point of contact."""
+        ground = self.ground[i]
+        slope_x = _extrapolated(ground.past_x, ground.age)
+        slope_y = _extrapolated(ground.past_y, ground.age)
+        if ti.static(self.lagged):
+            slope_x, slope_y = ground.slope[0], ground.slope[1]
+        return self.particles.body[i].radius * vec2(slope_x, slope_y)
+
+    @ti.func
+    def receive(self, i, expansion, sunk, force, slope):
+        """Keep what came back for particle ``i``, and watch the assumptions; ``sunk`` is what
+        -``expansion`` is to within the residual."""
         ground = self.ground[i]
         for step in ti.static(range(PAST - 1, 0, -1)):
             ground.past[step] = ground.past[step - 1]
-        ground.past[0] = -expansion
+        ground.past[0] = sunk
+        if ti.static(self.finite):
+            for step in ti.static(range(PAST - 1, 0, -1)):
+                ground.past_x[step] = ground.past_x[step - 1]
+                ground.past_y[step] = ground.past_y[step - 1]
+            ground.past_x[0], ground.past_y[0] = slope[0], slope[1]
         ground.age = ti.min(ground.age + 1, PAST)
         ground.expansion, ground.force, ground.slope = expansion, force, slope
         body = self.particles.body[i]
         overlap = body.radius - body.position[2] + expansion
         if overlap > 0.0:
             if ground.touched == 0 and -body.velocity[2] > FAST_IMPACT * self.wave_speed[None]:
-                self.fast_impacts[None] += 1
-            wide = overlap > WIDE_CONTACT**2 * body.radius
-            if wide and ground.touched < 2:
-                self.wide_contacts[None] += 1
-            ground.touched = 2 if wide else ti.max(ground.touched, 1)
+                self.noticed[0] += 1
+            if overlap > WIDE_CONTACT**2 * body.radius and ground.touched & WIDE == 0:
+                self.noticed[1] += 1
+                ground.touched |= WIDE
+            ground.touched |= TOUCHED
         else:
             ground.touched = 0
         self.ground[i] = ground
+
+    @ti.func
+    def watch_neighbours(self, i, nearest):
+        """Points that are too close for that; ``nearest``: squared distance, m2."""
+        if ti.static(not self.finite):
+            body, ground = self.particles.body[i], self.ground[i]
+            square = body.radius * (body.radius - body.position[2] + ground.expansion)
+            if nearest < CLOSE_POINTS**2 * square and ground.touched & CLOSE == 0:
+                self.noticed[2] += 1
+                self.ground[i].touched |= CLOSE
+
+    @ti.func
+    def stored(self, i):
+        """Energy in the surface on account of the contact of particle ``i``, J."""
+        return self.ground[i].stored
 
     @ti.func
     def lateral_force(self, i):
@@ -386,3 +389,19 @@ class Exchange:
         of its neighbours, -f grad e."""
         ground = self.ground[i]
         return -ground.force * vec3(ground.slope[0], ground.slope[1], 0.0)
+
+
+@ti.func
+def _extrapolated(past: ti.template(), age):
+    """The next of ``age`` values, latest first, or of as many as are kept."""
+    next_one = 0.0
+    if age == 1:
+        next_one = past[0]
+    elif age == 2:
+        next_one = 2.0 * past[0] - past[1]
+    elif age >= 3:
+        next_one = 3.0 * (past[0] - past[1]) + past[2]
+    if ti.static(past.n >= 4):
+        if age >= 4:
+            next_one = 4.0 * (past[0] + past[2]) - 6.0 * past[1] - past[3]
+    return next_one

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -22,6 +23,12 @@ class Material:
         good = isinstance(self.name, str) and self.name and self.name.isprintable()
         problem = None if good else Problem("name", self.name, "must be a name, not empty")
         validate(self, problem, name=f"materials.{self.name}" if good else "material")
+
+    @property
+    def shear_wave_speed(self) -> float:
+        """sqrt(G/density), m/s."""
+        shear_modulus = self.youngs_modulus / (2 * (1 + self.poissons_ratio))
+        return math.sqrt(shear_modulus / self.density)
 
 
 def material_problem(value: Any, path: str = "material") -> Problem | None:

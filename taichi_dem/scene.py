@@ -24,6 +24,7 @@ from taichi_dem.validation import (
 
 __all__ = ["Box", "Material", "Piston", "Plane", "Scene", "Spheres", "Substrate"]
 
+COUPLINGS = ("finite", "point")
 EXCHANGES = ("implicit", "lagged", "none")
 DEEPEST_OVERLAP = 0.5  # of the smaller radius, at the start
 
@@ -38,14 +39,14 @@ class Substrate:
 
     material: Material
     tolerance: float = parameter("-", "of the displacement", default=1e-4, above=0.0, below=1.0)
-    coupling: str = "point"
+    coupling: str = "finite"
     exchange: str = "implicit"
     residual: float = parameter("-", "of the coupled solve", default=1e-6, above=0.0, below=1.0)
     layer: None = None
     relaxation: None = None
 
     def __post_init__(self) -> None:
-        choices = (("coupling", ("point",)), ("exchange", EXCHANGES))
+        choices = (("coupling", COUPLINGS), ("exchange", EXCHANGES))
         validate(
             self,
             material_problem(self.material),

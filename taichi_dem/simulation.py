@@ -30,13 +30,14 @@ SECONDS_PER_CHUNK = 0.3  # between two looks at the world outside; no result dep
 FIRST_CHUNK = 50  # steps
 DRIVERS = ("auto", *WAYS)
 
-FAST_WARNING = (
-    "a sphere hit the substrate at more than a tenth of its shear wave speed: the substrate is "
-    "taken as quasi-static, and waves that carry energy away are left out"
-)
-WIDE_WARNING = (
-    "a contact with the substrate is wider than 0.3 of its sphere's radius: strains are not small"
-)
+WARNINGS = {
+    "fast_impacts": "a sphere hit the substrate at more than a tenth of its shear wave speed: the "
+    "substrate is taken as quasi-static, and waves that carry energy away are left out",
+    "wide_contacts": "a contact with the substrate is wider than 0.3 of its sphere's radius: "
+    "strains are not small",
+    "close_points": "contacts with the substrate are closer than 6 of their radii: "
+    'coupling="point" neglects their size, coupling="finite" does not',
+}
 
 
 _STEP = Range("s", "time step", above=0)
@@ -213,11 +214,9 @@ class Simulation:
         """Warn where the substrate's assumptions fail."""
         if self._engine.exchange is None:
             return
-        fast, wide = self._engine.exchange.counts()
-        if fast > self.warnings.get("fast_impacts", 0):
-            self._warn("fast_impacts", FAST_WARNING, fast)
-        if wide > self.warnings.get("wide_contacts", 0):
-            self._warn("wide_contacts", WIDE_WARNING, wide)
+        for name, count in self._engine.exchange.counts().items():
+            if count > self.warnings.get(name, 0):
+                self._warn(name, WARNINGS[name], count)
 
     # -- looking ---------------------------------------------------------------------------------
 

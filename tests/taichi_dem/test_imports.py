@@ -16,7 +16,7 @@ LAYERS = {
     "scene": "validation material shapes packing sphere_files spheres scene time_step "
     "writing tables toml_text scene_file",
     "kernels": "types control particles effects contact_list grid neighbors boundaries forces "
-    "coupling exchange integrate meeting drivers energy guards views pace engine",
+    "pair_sums coupling exchange hosted integrate meeting drivers energy guards views pace engine",
     "simulation": "schedule simulation",
     "outputs": "style wording snapshot frames progress output bed dents plot",
     "tools": "folder run memory check settings record accuracy orders closed_form worker workers "
@@ -33,6 +33,8 @@ LAYER_OF = {module: layer for layer, modules in LAYERS.items() for module in mod
 LAZILY = {("scene_file", "contacts.law")}  # laws by name, where a file is read
 HALFSPACE_IN = {
     "exchange": {"halfspace"},
+    "hosted": {"halfspace"},
+    "pair_sums": {"halfspace.finite"},
     "types": {"halfspace.backend"},
     "engine": {"halfspace.backend"},
     "simulation": {"halfspace.backend"},

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable
 from math import inf, pi
@@ -97,7 +96,7 @@ class Plan:
         near, steep = self._sum.pair(f, f * a * a / 10)
         potential = near + a * a / 10 * steep
         if self._reach:
-            potential += self._close.potential(f, a) / (math.pi * self._modulus)
+            potential += self._close.potential(f, a) / (pi * self._modulus)
         return 0.5 * f * potential
 
     def _depression(self, f: Array, a: Array, near: Array, steep: Array) -> Array:

@@ -12,6 +12,7 @@ from taichi_dem.contact_list import APART, FIRST_FACE, HELD, SUBSTRATE, TOUCHING
 from taichi_dem.contacts.contact import at_rest, meet
 from taichi_dem.contacts.law import Law
 from taichi_dem.control import TOO_DEEP, Control
+from taichi_dem.geometry import Geometry
 from taichi_dem.material import Material
 from taichi_dem.particles import Particles
 from taichi_dem.types import real, ti, vec2, vec3
@@ -63,75 +64,41 @@ class Forces:
         self.rubs = law.tangential is not None
         if self.rubs:
             self.tangential_table = coefficients["tangential"].table
-        self.has_substrate = substrate_material >= 0
+        self.geometry = Geometry(particles, boundaries, substrate_material)
         self.coupled = substrate is not None
         self.substrate, self.substrate_material = substrate, substrate_material
-        self.has_faces = boundaries.face_count > 0
         self.control = control
 
     @ti.func
     def evaluate(self, p, time_step):
         """Force, couple and history of contact ``p``."""
         i, j = self.contacts.ends[p].i, self.contacts.ends[p].j
-        body, spin = self.particles.body[i], self.particles.spin[i]
-        normal, overlap, velocity = vec3(0.0), -1.0, body.velocity
-        surface_spin, mean_spin = vec3(0.0), 0.5 * spin.omega
-        radius, mass = body.radius, 0.0
-        smaller, material = body.radius, 0
+        spin = self.particles.spin[i]
         touched = self.contacts.touching[p] != APART
-        if j >= 0:
-            partner = self.particles.body[j]
-            separation = body.position - partner.position
-            reach = body.radius + partner.radius
-            square = separation.dot(separation)
-            if square < reach * reach or touched:
-                distance = ti.sqrt(square)
-                normal = separation / distance
-                overlap = reach - distance
-                velocity -= partner.velocity
-                omega = self.particles.spin[j].omega
-                surface_spin = (partner.radius - 0.5 * overlap) * omega
-                mean_spin += 0.5 * omega
-                radius = body.radius * partner.radius / reach
-                mass = 1.0 / (body.inverse_mass + partner.inverse_mass)
-                smaller = ti.min(body.radius, partner.radius)
-                material = self.particles.spin[j].material
-        else:
-            mass = 1.0 / body.inverse_mass
-            if ti.static(self.has_substrate):
-                if j == SUBSTRATE:
-                    normal = vec3(0.0, 0.0, 1.0)
-                    overlap = body.radius - body.position[2]
-                    material = self.substrate_material
-                    if ti.static(self.coupled):
-                        overlap += self.substrate.ground[i].expansion
-            if ti.static(self.has_faces):
-                if j <= FIRST_FACE:
-                    wall = self.boundaries.face[FIRST_FACE - j]
-                    normal = wall.normal
-                    overlap = body.radius - (body.position - wall.point).dot(normal)
-                    velocity -= wall.velocity
-                    mass = 1.0 / (body.inverse_mass + wall.inverse_mass)
-                    material = wall.material
+        met = self.geometry.encounter(i, j, 0.0, touched)
+        overlap = met.overlap
+        if ti.static(self.coupled):
+            if j == SUBSTRATE:
+                overlap += self.substrate.ground[i].expansion
 
         if overlap > 0.0 or touched:
-            surface_spin += (body.radius - 0.5 * overlap) * spin.omega
+            arm = self.particles.body[i].radius - 0.5 * overlap
             contact = meet(
-                normal,
+                met.normal,
                 overlap,
-                velocity,
-                surface_spin,
-                mean_spin.dot(normal),
-                radius,
-                mass,
+                met.velocity,
+                arm * spin.omega + met.partner_arm * met.partner_omega,
+                0.5 * (spin.omega + met.partner_omega).dot(met.normal),
+                met.effective_radius,
+                met.effective_mass,
                 time_step,
             )
             if overlap > 0.0:
-                self.apply_laws(p, contact, spin.material, material)
+                self.apply_laws(p, contact, spin.material, met.material)
                 if ti.static(self.coupled):
                     if j == SUBSTRATE:
                         self.contacts.result[p].force += self.substrate.lateral_force(i)
-                if overlap > self.control.deepest[None] * smaller:
+                if overlap > self.control.deepest[None] * met.smaller:
                     self.control.raise_flag(TOO_DEEP)
             else:
                 self.open(p, contact)

@@ -21,7 +21,7 @@ class Energy:
 
     def parts(self, gravity: np.ndarray, lost_before: float) -> dict[str, float]:
         """J, by part; ``lost_before`` is what :meth:`loss` has taken so far."""
-        sums = np.zeros(6)
+        sums = np.zeros(7)
         self._sum(sums, gravity)
         motion = [self.boundaries.motion[b] for b in range(self.boundaries.count)]
         plates = sum(0.5 * m.speed**2 / m.inverse_mass for m in motion if m.inverse_mass > 0)
@@ -31,11 +31,17 @@ class Energy:
             "normal": sums[2],
             "tangential": sums[3],
             "substrate": sums[4],
+            "expansion": sums[6],
             "dissipated": lost_before + sums[5] - sums[3],
             "external_work": float(sum(m.work for m in motion)),
         }
-        absent = (not self.forces.rubs, not self.coupled, not self.contacts.dissipates)
-        for name, missing in zip(("tangential", "substrate", "dissipated"), absent, strict=True):
+        absent = {
+            "tangential": not self.forces.rubs,
+            "substrate": not self.coupled,
+            "expansion": not self.forces.spreads,
+            "dissipated": not self.contacts.dissipates,
+        }
+        for name, missing in absent.items():
             if missing:
                 del parts[name]
         return parts
@@ -61,6 +67,8 @@ class Energy:
                 stored = self.forces.stored(p)
                 sums[2] += stored[0]
                 sums[3] += stored[1]
+                if ti.static(self.forces.spreads):
+                    sums[6] += self.forces.expansions.energy(p)
             if ti.static(self.contacts.dissipates):
                 sums[5] += self.contacts.lost[p]
 

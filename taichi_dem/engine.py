@@ -10,11 +10,14 @@ from halfspace import backend
 from taichi_dem import guards
 from taichi_dem.boundaries import Boundaries
 from taichi_dem.contact_list import ContactList
-from taichi_dem.control import STALE, TOO_DEEP, UNSOLVED, Control
+from taichi_dem.control import OVERPRESSED, STALE, TOO_DEEP, UNSOLVED, Control
 from taichi_dem.drivers import Drivers
 from taichi_dem.energy import Energy
 from taichi_dem.exchange import Exchange
+from taichi_dem.expansion_newton import ImplicitExpansions
+from taichi_dem.expansions import Expansions
 from taichi_dem.forces import Coefficients, Forces, history_of
+from taichi_dem.geometry import Geometry
 from taichi_dem.grid import Grid, best_cell_size
 from taichi_dem.guards import SimulationStopped
 from taichi_dem.integrate import Verlet
@@ -27,6 +30,7 @@ from taichi_dem.types import ti
 from taichi_dem.views import ParticleState, contact_records
 
 CONTACTS_PER_PARTICLE = 4  # of the first list; it regrows
+PAIRS_PER_PARTICLE = 12  # of its contacts; likewise
 GROWTH = 1.3
 REORDER_ABOVE = 300  # particles: fewer are close together in the cache in any order
 REORDER_EVERY = 8  # rebuilds
@@ -78,6 +82,7 @@ class Engine:
         self.grid = Grid(self.particles, self._set_skin(), self._extent)
         self._trees.append(self.grid.tree)
         self.lost, self.rebuilds = 0.0, 0
+        self._pairs = PAIRS_PER_PARTICLE * spheres.count + 64
         self._make_list(CONTACTS_PER_PARTICLE * spheres.count + 64)
         self._keep_good_state()
         self.rebuild()
@@ -127,7 +132,7 @@ class Engine:
     def _answer(self) -> None:
         """Do what the kernels called the host for."""
         reasons = self.control.reasons()
-        if reasons & (1 << TOO_DEEP | 1 << UNSOLVED):
+        if reasons & (1 << TOO_DEEP | 1 << UNSOLVED | 1 << OVERPRESSED):
             self._stop_at_nonsense()  # which may be behind either
         if reasons & 1 << TOO_DEEP:
             records = self.records()
@@ -135,6 +140,8 @@ class Engine:
                 records, self.scene.spheres.radius, float(self.control.deepest[None])
             )
             self._stop(why, row)
+        if reasons & 1 << OVERPRESSED:
+            self._stop(*guards.describe_overpressed(self.records()))
         if reasons & 1 << UNSOLVED:
             self._stop(
                 "the contacts with the substrate found no equilibrium. Try a smaller time step or "
@@ -192,6 +199,8 @@ class Engine:
             self.grid.cell_size[None] = self._set_skin()
         self.lost += self.energy.loss(True)
         self.neighbors.save(remember)
+        if self.expansions is not None:
+            self.expansions.review()
         self.grid.sort()
         if self.particles.count > REORDER_ABOVE and self.rebuilds % REORDER_EVERY == 0:
             self.particles.reorder(self.grid.particle)
@@ -203,6 +212,12 @@ class Engine:
             self._make_list(int(GROWTH * total))
             self.neighbors.count()
         self.neighbors.fill()
+        if self.expansions is not None and (pairs := self.expansions.enrol()) > self._pairs:
+            self._pairs = int(GROWTH * pairs)
+            self._make_list(self.contacts.capacity)
+            self.neighbors.count()
+            self.neighbors.fill()
+            self.expansions.enrol()
         if self.boundaries.any_moves:
             self.boundaries.enrol(self.contacts)
         if self.exchange is not None:
@@ -213,7 +228,7 @@ class Engine:
     def _make_list(self, capacity: int) -> None:
         """A contact list of ``capacity``, and the kernels that work on it."""
         history = history_of(self.scene.law)
-        old = getattr(self, "contacts", None)
+        old, spread = getattr(self, "contacts", None), getattr(self, "expansions", None)
         self.contacts = ContactList(self.particles.count, capacity, history, self._dissipates())
         self._trees.append(self.contacts.tree)
         if old is not None:
@@ -226,6 +241,7 @@ class Engine:
             self.control,
             self._soil >= 0,
         )
+        self.expansions = self._make_expansions()
         self.forces = Forces(
             self.scene.law,
             self._coefficients,
@@ -235,6 +251,7 @@ class Engine:
             self.exchange,
             self._soil,
             self.control,
+            self.expansions,
         )
         rotates = self.scene.law.tangential is not None
         verlet = Verlet(self.particles, self.control, rotates)
@@ -243,8 +260,30 @@ class Engine:
         )
         self.energy = Energy(self.forces, self.exchange, self.boundaries)
         if old is not None:
-            self._trees.remove(old.tree)
-            old.tree.destroy()
+            for tree in (old.tree, *([spread.tree] if spread else [])):
+                self._trees.remove(tree)
+                tree.destroy()
+
+    def _make_expansions(self) -> Expansions | None:
+        """What a surface law computes with on the present list."""
+        law = self.scene.law
+        if law.surface is None:
+            return None
+        table = self._coefficients["surface"].table
+        geometry = Geometry(self.particles, self.boundaries, self._soil)
+        given = (law.surface, table, geometry, self.contacts, self.control)
+        if law.surface.lagged:
+            made = Expansions(*given)
+        else:
+            made = ImplicitExpansions(
+                *given,
+                normal=law.normal,
+                normal_table=self._coefficients["normal"].table,
+                ground=self.exchange,
+                pairs=self._pairs,
+            )
+        self._trees.append(made.tree)
+        return made
 
     def _dissipates(self) -> bool:
         law, names = self.scene.law, [material.name for material in self.scene.materials]

@@ -45,7 +45,8 @@ class Coefficients:
 @ti.data_oriented
 class Forces:
     """Contact forces of ``particles`` under ``law``; ``substrate`` is the coupled one or None,
-    ``substrate_material`` the index of its material, -1 where the scene has none."""
+    ``substrate_material`` the index of its material, -1 where the scene has none; ``expansions``
+    are those of a surface law or None."""
 
     def __init__(
         self,
@@ -57,6 +58,7 @@ class Forces:
         substrate: Any,
         substrate_material: int,
         control: Control,
+        expansions: Any = None,
     ):
         self.particles, self.boundaries, self.contacts = particles, boundaries, contacts
         self.normal, self.tangential = law.normal, law.tangential
@@ -68,6 +70,8 @@ class Forces:
         self.coupled = substrate is not None
         self.substrate, self.substrate_material = substrate, substrate_material
         self.control = control
+        self.surface, self.spreads = law.surface, expansions is not None
+        self.expansions = expansions
 
     @ti.func
     def evaluate(self, p, time_step):
@@ -75,19 +79,30 @@ class Forces:
         i, j = self.contacts.ends[p].i, self.contacts.ends[p].j
         spin = self.particles.spin[i]
         touched = self.contacts.touching[p] != APART
-        met = self.geometry.encounter(i, j, 0.0, touched)
-        overlap = met.overlap
+        reach = 0.0
+        if ti.static(self.spreads):
+            reach = self.control.reach[None]
+        met = self.geometry.encounter(i, j, reach, touched)
+        overlap, expansion = met.overlap, vec2(0.0)
         if ti.static(self.coupled):
             if j == SUBSTRATE:
                 overlap += self.substrate.ground[i].expansion
+        if ti.static(self.spreads):
+            if self.expansions.note(p, met):
+                expansion = self.expansions.of(p)
+                overlap += expansion[0] + expansion[1]
 
         if overlap > 0.0 or touched:
             arm = self.particles.body[i].radius - 0.5 * overlap
+            partner_arm = met.partner_radius - 0.5 * overlap
+            if ti.static(self.spreads):
+                arm += expansion[0]
+                partner_arm += expansion[1]
             contact = meet(
                 met.normal,
                 overlap,
                 met.velocity,
-                arm * spin.omega + met.partner_arm * met.partner_omega,
+                arm * spin.omega + partner_arm * met.partner_omega,
                 0.5 * (spin.omega + met.partner_omega).dot(met.normal),
                 met.effective_radius,
                 met.effective_mass,
@@ -118,6 +133,9 @@ class Forces:
             force += friction
         if ti.static(self.contacts.dissipates):
             self.book(p, contact, normal.elastic - normal.total, friction)
+        if ti.static(self.spreads):
+            self.surface.remember(normal, history)
+            force += self.expansions.lateral_force(p)
         if ti.static(self.contacts.has_history):
             self.contacts.history[p] = history
         self.contacts.result[p].force = force
@@ -188,5 +206,7 @@ class Forces:
                     force += self.contacts.result[p].force
                 if ti.static(self.rubs):
                     arm = radius - self.contacts.result[p].half_overlap
+                    if ti.static(self.spreads):
+                        arm += self.contacts.history[p].expansion[entry & 1]
                     torque -= arm * self.contacts.result[p].couple
         return force, torque

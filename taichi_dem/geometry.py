@@ -9,7 +9,7 @@ Encounter = ti.types.struct(
     normal=vec3,  # from j to i
     overlap=real,  # R_i + R_j - distance, over undeformed surfaces; -1 m of spheres out of reach
     velocity=vec3,  # of i against j
-    partner_arm=real,  # from the centre of j to the contact point; 0 of a wall, which does not turn
+    partner_radius=real,  # and omega: 0 of a wall, which does not turn
     partner_omega=vec3,
     effective_radius=real,  # 1/R* = 1/R_i + 1/R_j
     effective_mass=real,  # 1/m* = 1/m_i + 1/m_j
@@ -51,7 +51,7 @@ class Geometry:
                 met.normal = separation / distance
                 met.overlap = sum_of_radii - distance
                 met.velocity -= partner.velocity
-                met.partner_arm = partner.radius - 0.5 * met.overlap
+                met.partner_radius = partner.radius
                 met.partner_omega = self.particles.spin[j].omega
                 met.effective_radius = body.radius * partner.radius / sum_of_radii
                 met.effective_mass = 1.0 / (body.inverse_mass + partner.inverse_mass)

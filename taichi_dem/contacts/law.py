@@ -11,13 +11,14 @@ from taichi_dem.contacts.hertz import Hertz
 from taichi_dem.contacts.hooke import Hooke
 from taichi_dem.contacts.jkr import JKR
 from taichi_dem.contacts.mindlin import Mindlin
+from taichi_dem.contacts.multicontact import MultiContact
 from taichi_dem.validation import InputError, Problem
 
 LAWS: dict[str, dict[str, type]] = {
     "normal": {"Hertz": Hertz, "Hooke": Hooke, "JKR": JKR, "EEPA": EEPA},
     "tangential": {"Mindlin": Mindlin},
     "rolling": {"CDT": CDT, "CDTJKR": CDTJKR},
-    "surface": {},
+    "surface": {"MultiContact": MultiContact},
 }
 
 

@@ -279,7 +279,6 @@ class Engine:
                 *given,
                 normal=law.normal,
                 normal_table=self._coefficients["normal"].table,
-                ground=self.exchange,
                 pairs=self._pairs,
             )
         self._trees.append(made.tree)

@@ -1,13 +1,13 @@
 """Expansions and forces that agree with each other, at every step.
 
-With d the overlaps over undeformed surfaces (on a substrate, with what that has risen by), F the
-forces and M what they raise on the spheres, the effective overlaps D of all contacts satisfy
+With d the overlaps over undeformed surfaces, F the forces and M what they raise on the spheres, the
+effective overlaps D of all contacts satisfy
 
     D - d - M F(D) = 0
 
-by semismooth Newton.  Its step s solves (1 - M K) s = d + M F - D, K = F'(D), by conjugate gradients
-in the inner product of K, in which the matrix is symmetric.  Where it is no longer positive the
-spheres give way: beyond, there is no equilibrium.
+by semismooth Newton.  Its step s solves (1 - M K) s = d + M F - D, K = F'(D), by conjugate
+gradients in the inner product of K, in which the matrix is symmetric.  Where it is no longer
+positive the spheres give way: beyond, there is no equilibrium.
 
 The work is cut into passes over the particles, each with its contacts or with those that it looks
 for; between two passes one thread adds up and decides what comes next.  So it runs in any driver,
@@ -17,7 +17,7 @@ with the same bits.
 import math
 from typing import Any
 
-from taichi_dem.contact_list import APART, SUBSTRATE
+from taichi_dem.contact_list import APART
 from taichi_dem.contacts.contact import at_rest
 from taichi_dem.control import OVERPRESSED
 from taichi_dem.expansions import Expansions
@@ -42,16 +42,15 @@ class ImplicitExpansions(Expansions):
     implicit = True
 
     def __init__(
-        self, *of_expansions: Any, normal: Any, normal_table: Any, ground: Any, pairs: int
+        self, *of_expansions: Any, normal: Any, normal_table: Any, pairs: int
     ):
         self.normal_law, self.normal_table = normal, normal_table
-        self.ground, self.coupled = ground, ground is not None
         self.pairs = pairs
         super().__init__(*of_expansions)
 
     def place_more(self, builder: "ti.FieldsBuilder") -> None:
         capacity, particles = self.contacts.capacity, self.particles.count
-        for name in "target effective force tangent remainder direction step separation".split():
+        for name in "effective force tangent remainder direction step separation".split():
             setattr(self, name, ti.field(real))
             builder.dense(ti.i, capacity).place(getattr(self, name))
         self.near, self.partner = ti.field(ti.i32), ti.field(ti.i32)
@@ -125,18 +124,16 @@ class ImplicitExpansions(Expansions):
             if self.note(p, met):
                 self.near[first + number] = p
                 number += 1
-                target = met.overlap
-                if ti.static(self.coupled):
-                    if j == SUBSTRATE:
-                        target += self.ground.ground[i].expansion
-                self.target[p], self.partner[p] = target, met.material
+                self.partner[p] = met.material
                 self.separation[p] = math.inf
                 if j >= 0:
                     reached = self.particles.body[i].radius + self.particles.body[j].radius
                     self.separation[p] = reached - met.overlap
-                self.effective[p] = target + self.expected(p)
+                else:
+                    self.rest(2 * p + 1)  # nobody's, after that of another contact
+                self.effective[p] = met.overlap + self.expected(p)
                 self.press(p)
-                deepest = ti.max(deepest, target)
+                deepest = ti.max(deepest, met.overlap)
         self.near_count[i] = number
         self.sums[i] = vec3(deepest, 0.0, 0.0)
 
@@ -220,7 +217,7 @@ class ImplicitExpansions(Expansions):
         error, product, first = 0.0, 0.0, self.contacts.start[i]
         for place in range(first, first + self.near_count[i]):
             p = self.near[place]
-            reached = self.target[p] + self.risen(p)
+            reached = self.overlap[p] + self.risen(p)
             if self.effective[p] <= 0.0 and reached <= 0.0:
                 self.effective[p] = reached  # open, and stays open: solved outright
             defect = self.effective[p] - reached
@@ -276,7 +273,7 @@ class ImplicitExpansions(Expansions):
             step = self.step[p]
             if self.tangent[p] <= 0.0:
                 step += self.remainder[p]
-            most = ti.max(self.effective[p], self.target[p]) + self.scale[None]
+            most = ti.max(self.effective[p], self.overlap[p]) + self.scale[None]
             self.effective[p] = ti.min(self.effective[p] + self.share[None] * step, most)
             self.press(p)
 
@@ -297,9 +294,7 @@ class ImplicitExpansions(Expansions):
                     self.tilt_pair(k, a, b)
         for a in range(base, base + number):
             entry = self.entry[a]
-            expansion = self.rise[entry]
-            self.contacts.history[entry >> 1].expansion[entry & 1] = expansion
-            self.watch(expansion)
+            self.contacts.history[entry >> 1].expansion[entry & 1] = self.rise[entry]
 
     @ti.func
     def tilt_pair(self, k, a, b):
@@ -326,8 +321,8 @@ class ImplicitExpansions(Expansions):
                 deeper_b += wider * 0.5 * self.radius[self.entry[b] >> 1] / least
         turn_a = by_cosine / self.separation[self.entry[a] >> 1]
         turn_b = by_cosine / self.separation[self.entry[b] >> 1]
-        self.pull[self.entry[a]] += turn_a * (inward_b - cosine * inward_a) - deeper_a * inward_a
-        self.pull[self.entry[b]] += turn_b * (inward_a - cosine * inward_b) - deeper_b * inward_b
+        self.pull[self.entry[a]] += deeper_a * inward_a - turn_a * (inward_b - cosine * inward_a)
+        self.pull[self.entry[b]] += deeper_b * inward_b - turn_b * (inward_a - cosine * inward_b)
 
     @ti.func
     def rest(self, entry):
@@ -361,7 +356,7 @@ class ImplicitExpansions(Expansions):
             self.scale[None] = self.total()[0]
             self.goal[None] = self.law.residual * self.scale[None]
             self.phase[None] = MATCH
-        elif phase == MATCH or phase == RAISE:
+        elif (phase == MATCH) | (phase == RAISE):
             self.phase[None] = WEIGH
         elif phase == WEIGH:
             self.judge()

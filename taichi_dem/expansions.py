@@ -1,7 +1,8 @@
 """What the surfaces of the spheres rise by where others press on them: fields and lagged exchange.
 
 Each contact has two entries, 2 p for its first body and 2 p + 1 for its second, as in the list of
-incidences.  Only contacts within ``control.reach`` are looked at: those that an expansion could close.
+incidences.  Only contacts within ``control.reach`` are looked at: those that an expansion could
+close.
 """
 
 import math
@@ -10,9 +11,9 @@ from typing import Any
 from taichi_dem.contact_list import ContactList
 from taichi_dem.control import STALE, Control
 from taichi_dem.geometry import Geometry
-from taichi_dem.types import real, ti, vec2, vec3
+from taichi_dem.types import real, ti, vec3
 
-SPARE = 2.0  # reach by the largest expansions that occurred
+SPARE = 1.5  # reach by the largest expansions that met across a gap
 USED = 0.8  # of the reach: beyond, the list is made anew, with more
 LEAST_REACH = 0.02  # of the skin
 
@@ -21,7 +22,7 @@ LEAST_REACH = 0.02  # of the skin
 class Expansions:
     """Fields of the contacts on one list; ``law`` is a ``MultiContact``.
 
-    largest            m, what the expansions of a contact may have added up to since the last list
+    largest            m, sum of the expansions on both sides of a gap, since the last list
     overlap, normal    of each contact, over undeformed surfaces; -inf beyond reach
     count              contacts within reach of each particle, its places from incidence_start on
     entry, inward, depth, least  of each place: its entry, the unit vector from the contact to the
@@ -127,11 +128,12 @@ class Expansions:
         return self.table[material, material]
 
     @ti.func
-    def watch(self, expansion):
-        """Have the list made anew before an expansion closes a contact that is not on it."""
-        ti.atomic_max(self.largest[None], 2.0 * expansion)
-        if not (2.0 * expansion < USED * self.control.reach[None]):
-            self.control.raise_flag(STALE)
+    def watch(self, p, expansion):
+        """Have the list made anew before the sum of expansions closes a gap that is not on it."""
+        if self.overlap[p] < 0.0:
+            ti.atomic_max(self.largest[None], expansion)
+            if not (expansion < USED * self.control.reach[None]):
+                self.control.raise_flag(STALE)
 
     @ti.func
     def update(self, i):
@@ -156,4 +158,3 @@ class Expansions:
         for a in range(base, base + number):
             entry = self.entry[a]
             self.contacts.history[entry >> 1].expansion[entry & 1] = self.answer[a]
-            self.watch(self.answer[a])

@@ -19,12 +19,12 @@ which is the same from j to k.  Otherwise (B) is not, and no energy belongs to i
 therefore takes (S) with the mean of 1/a_j and 1/a_k, solves for D at every step, and adds the force
 that the change of M with the place of the contacts makes: with U(D) the energy of a contact,
 
-    energy = sum U(D) - 1/2 sum F e,    force = -its derivative = F n + 1/2 F (dM/dx) F
+    energy = sum U(D) - 1/2 sum F e,    force = -its derivative = F n - 1/2 F (dM/dx) F
 
 ``lagged`` takes (B) and the forces of the step before, as LIGGGHTS does.  In both, r is no smaller
 than the contact radius sqrt(R* d).
 
-Source: N. Brodu, J. A. Dijksman and R. P. Behringer, Phys. Rev. E 91 (2015) 032201; gamma is theirs.
+Source, gamma included: N. Brodu, J. A. Dijksman and R. P. Behringer, Phys. Rev. E 91 (2015) 032201.
 """
 
 import math

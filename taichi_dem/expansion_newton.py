@@ -41,9 +41,7 @@ class ImplicitExpansions(Expansions):
 
     implicit = True
 
-    def __init__(
-        self, *of_expansions: Any, normal: Any, normal_table: Any, pairs: int
-    ):
+    def __init__(self, *of_expansions: Any, normal: Any, normal_table: Any, pairs: int):
         self.normal_law, self.normal_table = normal, normal_table
         self.pairs = pairs
         super().__init__(*of_expansions)
@@ -171,7 +169,7 @@ class ImplicitExpansions(Expansions):
         k, at = self.bulk(i), self.first_pair[i]
         for a in range(base, base + number):
             for b in range(base, a):
-                curvature = 0.5 * (1.0 / self.depth[a] + 1.0 / self.depth[b])
+                curvature = 0.5 * (self.curvature[a] + self.curvature[b])
                 s = self.law.half_sine(
                     self.inward[a].dot(self.inward[b]),
                     curvature,
@@ -301,14 +299,14 @@ class ImplicitExpansions(Expansions):
         """The derivative of F_a M_ab F_b by the places of the two contacts."""
         inward_a, inward_b = self.inward[a], self.inward[b]
         cosine = inward_a.dot(inward_b)
-        inverse_a, inverse_b = 1.0 / self.depth[a], 1.0 / self.depth[b]
+        inverse_a, inverse_b = self.curvature[a], self.curvature[b]
         curvature = 0.5 * (inverse_a + inverse_b)
         least = ti.max(self.least[a], self.least[b])
         s = self.law.half_sine(cosine, curvature, least)
         shape = self.law.shape(k, s)
         loads = self.load[a] * self.load[b]
         cut = 2.0 * s <= curvature * least * (1.0 + 1e-12)
-        by_cosine = ti.select(cut, 0.0, 0.25 * curvature * shape[1] / s) * loads
+        by_cosine = ti.select(cut, 0.0, -curvature * shape[2]) * loads
         by_curvature = -0.5 * (shape[0] + ti.select(cut, s * shape[1], 0.0)) * loads
         # d(1/a)/d(overlap) = 1/(2 a^2)
         deeper_a = 0.5 * by_curvature * inverse_a * inverse_a

@@ -25,8 +25,9 @@ class Expansions:
     largest            m, sum of the expansions on both sides of a gap, since the last list
     overlap, normal    of each contact, over undeformed surfaces; -inf beyond reach
     count              contacts within reach of each particle, its places from incidence_start on
-    entry, inward, depth, least  of each place: its entry, the unit vector from the contact to the
-                       centre, the distance between them (m), and the contact radius (m)
+    entry, inward, depth, curvature, least  of each place: its entry, the unit vector from the
+                       contact to the centre, the distance between them (m), the inverse of that
+                       (1/m), and the contact radius (m)
     """
 
     implicit = False
@@ -49,9 +50,11 @@ class Expansions:
         for field in (self.overlap, self.normal, self.radius):
             builder.dense(ti.i, contacts.capacity).place(field)
         self.entry, self.inward = ti.field(ti.i32), ti.Vector.field(3, real)
-        self.depth, self.least, self.load = ti.field(real), ti.field(real), ti.field(real)
-        self.answer = ti.field(real)
-        for field in (self.entry, self.inward, self.depth, self.least, self.load, self.answer):
+        places = [self.entry, self.inward]
+        for name in "depth curvature least load answer".split():
+            setattr(self, name, ti.field(real))
+            places.append(getattr(self, name))
+        for field in places:
             builder.dense(ti.i, 2 * contacts.capacity).place(field)
         self.count = ti.field(ti.i32)
         builder.dense(ti.i, self.particles.count).place(self.count)
@@ -111,6 +114,7 @@ class Expansions:
                 self.entry[place] = entry
                 self.inward[place] = self.normal[p] * ti.cast(1 - 2 * (entry & 1), real)
                 self.depth[place] = radius - 0.5 * overlap
+                self.curvature[place] = 1.0 / self.depth[place]
                 self.least[place] = ti.sqrt(self.radius[p] * ti.max(overlap, 0.0))
                 number += 1
         self.count[i] = ti.select(number > 1, number, 0)

@@ -106,27 +106,25 @@ class MultiContact:
         """(B): what a load at the ``second`` distance a raises at the first, and the other way
         round; n_j.n_k is the ``cosine``, and r at ``least`` the third length."""
         square = first * first + second * second - 2.0 * first * second * cosine
-        r = ti.max(ti.sqrt(ti.max(square, 0.0)), least)
-        scale = -k.compliance / r
-        p = (first - second * cosine) / r  # n_1.u, u from 1 to 2
-        q = (first * cosine - second) / r  # n_2.u
+        inverse = 1.0 / ti.max(ti.sqrt(ti.max(square, 0.0)), least)
+        p = (first - second * cosine) * inverse  # n_1.u, u from 1 to 2
+        q = (first * cosine - second) * inverse  # n_2.u
         nu = k.poissons_ratio
         common = p * q + (3.0 - 4.0 * nu) * cosine
-        there = common - (1.0 - 2.0 * nu) * (cosine + q) / (1.0 + p)
-        back = common - (1.0 - 2.0 * nu) * (cosine - p) / (1.0 - q)
-        return scale * vec2(back, there)
+        shared = (1.0 - 2.0 * nu) / ((1.0 + p) * (1.0 - q))
+        there = common - shared * (cosine + q) * (1.0 - q)
+        back = common - shared * (cosine - p) * (1.0 + p)
+        return -k.compliance * inverse * vec2(back, there)
 
     @staticmethod
     @ti.func
     def shape(k, s):
-        """The bracket of (S) by gamma (1+nu) / (4 pi E), and its derivative by s."""
-        nu = k.poissons_ratio
-        inverse = 1.0 / s
-        far = 7.0 - 8.0 * nu
-        near = 2.0 * (1.0 - nu) * inverse
-        half = 0.5 * k.compliance
-        return vec2(
-            half * (near + 2.0 * (1.0 - 2.0 * nu) - far * s), -half * (near * inverse + far)
+        """-a M of (S), its derivative by s, and that by -4 s, which is the one by the cosine."""
+        nu, inverse, half = k.poissons_ratio, 1.0 / s, 0.5 * k.compliance
+        near, far = 2.0 * (1.0 - nu) * inverse, 7.0 - 8.0 * nu
+        slope = -half * (near * inverse + far)
+        return vec3(
+            half * (near + 2.0 * (1.0 - 2.0 * nu) - far * s), slope, -0.25 * slope * inverse
         )
 
     @staticmethod

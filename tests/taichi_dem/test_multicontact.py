@@ -5,11 +5,10 @@ import pytest
 from multicontact_twin import (
     Bodies,
     contacts,
-    energy,
     equilibrium,
     forces_on_spheres,
 )
-from setups import EPS, law, random_rotation, restart, rigid, scene, watch, order_of
+from setups import restart, rigid, scene
 
 import taichi_dem as dem
 

@@ -60,12 +60,12 @@ def published(modulus, nu, loaded, inward, other, other_inward, least=0.0):
 
 def reciprocal(modulus, nu, a, b, n_a, n_b, least=0.0):
     """The same between two contacts at the distances a and b from the centre, both put at the one
-    whose inverse is the mean of theirs, and turned apart until they are ``least`` from each other."""
+    whose inverse is the mean of theirs, and turned apart until they are ``least`` apart."""
     a = 2 / (1 / a + 1 / b)
     half = np.arcsin(np.clip(np.linalg.norm(n_a - n_b) / 2, 0, 1))
     half = max(half, np.arcsin(least / (2 * a)))
-    n_a, n_b = (np.array([np.sin(half), sign * np.cos(half), 0.0])[[1, 0, 2]] for sign in (1, 1))
-    n_b = n_b * np.array([1, -1, 1])
+    n_a, n_b = np.cos(half), np.sin(half)
+    n_a, n_b = np.array([n_a, n_b, 0]), np.array([n_a, -n_b, 0])
     return published(modulus, nu, -a * n_a, n_a, -a * n_b, n_b, least)
 
 

@@ -2,7 +2,8 @@
 
 Both codes run the scene of ``examples/hydrogel_piston.py`` with the same time step and write the
 same mean forces, by turns and on one core.  The packing is chaotic, so each pair of runs starts
-from beads displaced at random by 1 um, and means are compared.
+from beads displaced at random by 1 um, and means are compared.  With ``--multicontact`` it is
+:mod:`benchmarks.hydrogel_multicontact`.
 """
 
 import argparse
@@ -49,6 +50,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--reference", type=Path, help="CSV: step, force (N)")
     parser.add_argument("--packings", type=int, default=PACKINGS)
     parser.add_argument("--steps", type=int, default=STROKES * STEPS_PER_STROKE)
+    parser.add_argument("--multicontact", choices=("implicit", "lagged"), help="and how")
     parser.add_argument("--quick", action="store_true", help="one packing, one stroke")
 
 
@@ -56,6 +58,10 @@ def run(options: argparse.Namespace) -> list[Figure]:
     """Every packing in turn."""
     if not liggghts.available():
         sys.exit(f"{liggghts.BINARY} is not on the path")
+    if options.multicontact:
+        from benchmarks import hydrogel_multicontact
+
+        return hydrogel_multicontact.run(options)
     packings, steps = (1, STEPS_PER_STROKE) if options.quick else (options.packings, options.steps)
     beads = example.packing(options.packing)
     runs: dict[str, list[Run]] = {code: [] for code in CODES}

@@ -1,9 +1,10 @@
 """A scene in the input language of LIGGGHTS 3.8, a timed run of its binary, and what it wrote.
 
 What LIGGGHTS cannot do alike is refused with ``ValueError``: other laws than Hertz with or without
-Mindlin, slanted walls, conveyors, plates under load, a substrate that gives.  Fixed walls become
-primitive planes; walls that move become meshes, whose total forces are written.  The tangential
-dashpot is sqrt(k_t/k_n) of the normal one, whatever Mindlin's ``damping``, unless that is zero.
+Mindlin and multi-contact (which it computes as our lagged one), slanted walls, conveyors, plates
+under load, a substrate that gives.  Fixed walls become primitive planes; walls that move become
+meshes, whose total forces are written.  The tangential dashpot is sqrt(k_t/k_n) of the normal one,
+whatever Mindlin's ``damping``, unless that is zero.
 """
 
 import itertools
@@ -159,13 +160,13 @@ def _settings(scene: dem.Scene, skin: float) -> list[str]:
 
 def _model(scene: dem.Scene) -> str:
     law = scene.law
-    plain = isinstance(law.normal, dem.Hertz) and law.rolling is None and law.surface is None
-    if not plain:
+    if not isinstance(law.normal, dem.Hertz) or law.rolling is not None:
         raise ValueError(f"law: must be Hertz with or without Mindlin; is {law}")
+    spread = "" if law.surface is None else " surface multicontact"
     if law.tangential is None:
-        return "model hertz tangential off"
+        return f"model hertz tangential off{spread}"
     damped = "" if law.tangential.damping else " tangential_damping off"
-    return f"model hertz tangential history{damped}"
+    return f"model hertz tangential history{damped}{spread}"
 
 
 def _laws(scene: dem.Scene) -> list[str]:
@@ -185,7 +186,11 @@ def _laws(scene: dem.Scene) -> list[str]:
     if law.tangential is not None:
         friction = [law.between("tangential", *pair).friction for pair in pairs]
         lines.append(each("coefficientFriction", square, friction))
-    return [*lines, f"pair_style gran {model}", "pair_coeff * *"]
+    lines += [f"pair_style gran {model}", "pair_coeff * *"]
+    if law.surface is not None:
+        prefactor = f"geometric_prefactor {_exact(law.surface.prefactor)}"
+        lines.append(f"fix spread all multicontact/halfspace {prefactor}")
+    return lines
 
 
 def _gravity(scene: dem.Scene) -> list[str]:

@@ -17,6 +17,7 @@ _HOMES = {
     "taichi_dem.contacts.hooke": ("Hooke",),
     "taichi_dem.contacts.jkr": ("JKR",),
     "taichi_dem.contacts.mindlin": ("Mindlin",),
+    "taichi_dem.contacts.multicontact": ("MultiContact",),
     "taichi_dem.contacts.law": ("Law",),
     "taichi_dem.guards": ("SimulationStopped",),
     "taichi_dem.simulation": ("Simulation",),

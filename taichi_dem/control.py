@@ -2,7 +2,7 @@
 
 from taichi_dem.types import real, ti
 
-STALE, TOO_DEEP, UNSOLVED = range(3)  # why a kernel calls the host
+STALE, TOO_DEEP, UNSOLVED, OVERPRESSED = range(4)  # why a kernel calls the host
 
 
 @ti.data_oriented
@@ -11,19 +11,21 @@ class Control:
 
     step        steps made since the start
     time_step   s
-    skin        m, how far beyond touching the contact list reaches
+    skin        m, how far beyond reach the contact list reaches
+    reach       m, how far apart two undeformed bodies may be and yet touch
     deepest     share of the smaller radius beyond which an overlap stops the run
     gravity     m/s2
-    flags       (3,) STALE, TOO_DEEP, UNSOLVED
+    flags       (4,) STALE, TOO_DEEP, UNSOLVED, OVERPRESSED
     """
 
     def __init__(self, builder: "ti.FieldsBuilder"):
         self.step, self.flags = ti.field(ti.i64), ti.field(ti.i32)
         self.time_step, self.skin, self.deepest = ti.field(real), ti.field(real), ti.field(real)
+        self.reach = ti.field(real)
         self.gravity = ti.Vector.field(3, real)
-        builder.place(self.step, self.time_step, self.skin, self.deepest)
+        builder.place(self.step, self.time_step, self.skin, self.deepest, self.reach)
         builder.dense(ti.i, 1).place(self.gravity)
-        builder.dense(ti.i, 3).place(self.flags)
+        builder.dense(ti.i, 4).place(self.flags)
 
     def fill(self, time_step: float, gravity: tuple[float, ...], deepest: float) -> None:
         """Write the constants, after the fields have been placed."""
@@ -42,7 +44,12 @@ class Control:
     @ti.func
     def calls_host(self) -> ti.i32:
         """Zero, or the sum of 2**reason over the flags that are up."""
-        return self.flags[STALE] + 2 * self.flags[TOO_DEEP] + 4 * self.flags[UNSOLVED]
+        return (
+            self.flags[STALE]
+            + 2 * self.flags[TOO_DEEP]
+            + 4 * self.flags[UNSOLVED]
+            + 8 * self.flags[OVERPRESSED]
+        )
 
     @ti.kernel
     def reasons(self) -> ti.i32:

@@ -10,6 +10,7 @@ from typing import Any
 
 from taichi_dem.boundaries import Boundaries
 from taichi_dem.control import STALE, Control
+from taichi_dem.expansion_newton import DONE
 from taichi_dem.forces import Forces
 from taichi_dem.integrate import Verlet
 from taichi_dem.meeting import CALLED, MADE, TASK, Meeting
@@ -35,6 +36,9 @@ class Drivers:
         self.particles, self.contacts = forces.particles, forces.contacts
         self.control = control
         self.moves = boundaries.any_moves
+        self.expansions = forces.expansions
+        self.solves = forces.spreads and self.expansions.implicit
+        self.lags = forces.spreads and not self.expansions.implicit
 
     # -- the parts of a step ---------------------------------------------------------------------
     # (A loop at the root of a kernel runs in parallel, also one that comes from a function: what
@@ -48,6 +52,16 @@ class Drivers:
                 for block in range(self.exchange.blocks()):
                     self.exchange.share(block)
                 self.exchange.proceed(self.contacts)
+
+    @ti.func
+    def settle_expansions(self):
+        """Passes over the particles, in one thread."""
+        if ti.static(self.solves):
+            self.expansions.begin()
+            while self.expansions.phase[None] != DONE:
+                for i in range(self.particles.count):
+                    self.expansions.work(i)
+                self.expansions.decide()
 
     @ti.func
     def settle_boundaries(self):
@@ -73,6 +87,8 @@ class Drivers:
         """The second half kick of a step, the first of the next, and its drift."""
         time_step = self.control.time_step[None]
         force, torque = self.forces.gather(i)
+        if ti.static(self.lags):
+            self.expansions.update(i)
         self.verlet.stride(i, force, torque, time_step)
 
     # -- the drivers -----------------------------------------------------------------------------
@@ -84,6 +100,7 @@ class Drivers:
         made = 0
         while made < steps and self.control.calls_host() == 0:
             self.surface()
+            self.settle_expansions()
             for p in range(self.contacts.start[self.particles.count]):
                 self.forces.evaluate(p, self.control.time_step[None])
             self.settle_boundaries()
@@ -106,10 +123,32 @@ class Drivers:
             self.move(i)
         return self.control.calls_host()
 
+    @ti.kernel
+    def begin_passes(self):
+        """What comes before the passes of the expansions."""
+        self.surface()
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.expansions.begin()
+
+    @ti.kernel
+    def make_pass(self) -> ti.i32:
+        """One pass in a parallel loop; returns which comes next."""
+        for i in range(self.particles.count):
+            self.expansions.work(i)
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.expansions.decide()
+        return self.expansions.phase[None]
+
     def loop(self, steps: int) -> int:
         """As :meth:`serial`, in parallel loops."""
         for made in range(1, steps + 1):
             self.find_surface()
+            if self.solves:
+                self.begin_passes()
+                while self.make_pass() != DONE:
+                    pass
             if self.parallel() != 0:
                 return made
         return steps
@@ -143,20 +182,30 @@ class Drivers:
                         self.meeting.release()
                     met += 1
                     self.meeting.wait(met)
+            if ti.static(self.solves):
+                while self.expansions.phase[None] != DONE:
+                    for i in range(low, high):
+                        self.expansions.work(i)
+                    if self.meeting.last_to_arrive():
+                        self.expansions.decide()
+                        self.meeting.release()
+                    met += 1
+                    self.meeting.wait(met)
             for p in range(first, last):
                 self.forces.evaluate(p, self.control.time_step[None])
             if self.meeting.last_to_arrive():
                 self.settle_boundaries()
                 self.carry_boundaries()
                 self.meeting.release()
-            self.meeting.wait(met + 1)
+            met += 1
+            self.meeting.wait(met)
             for i in range(low, high):
                 self.move(i)
             made += 1
             if self.meeting.last_to_arrive():
                 self.call_step(made, steps)
                 self.meeting.release()
-            met += 2
+            met += 1
             self.meeting.wait(met)
 
     @ti.func
@@ -166,6 +215,8 @@ class Drivers:
         if made < steps and self.control.calls_host() == 0:
             if ti.static(self.has_exchange):
                 self.exchange.begin()
+            if ti.static(self.solves):
+                self.expansions.begin()
             self.meeting.call()
 
     # -- the ends of a run -----------------------------------------------------------------------
@@ -200,10 +251,15 @@ class Drivers:
 
     @ti.kernel
     def _evaluate(self, time_step: ti.f64):
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            self.settle_expansions()
         for p in range(self.contacts.start[self.particles.count]):
             self.forces.evaluate(p, time_step)
         for i in range(self.particles.count):
             force, torque = self.forces.gather(i)
+            if ti.static(self.lags):
+                self.expansions.update(i)
             self.particles.load[i].force = force
             self.particles.load[i].torque = torque
 

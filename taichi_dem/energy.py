@@ -21,7 +21,7 @@ class Energy:
 
     def parts(self, gravity: np.ndarray, lost_before: float) -> dict[str, float]:
         """J, by part; ``lost_before`` is what :meth:`loss` has taken so far."""
-        sums = np.zeros(7)
+        sums = np.zeros(8)
         self._sum(sums, gravity)
         motion = [self.boundaries.motion[b] for b in range(self.boundaries.count)]
         plates = sum(0.5 * m.speed**2 / m.inverse_mass for m in motion if m.inverse_mass > 0)
@@ -32,15 +32,17 @@ class Energy:
             "tangential": sums[3],
             "rolling": sums[4],
             "substrate": sums[5],
+            "expansion": sums[7],
             "dissipated": lost_before + sums[6] - sums[3] - sums[4],
             "external_work": float(sum(m.work for m in motion)),
         }
         if self.forces.plastic:  # all work of the contacts is booked, what they hold included
-            parts["dissipated"] -= sums[2] + sums[5]
+            parts["dissipated"] -= sums[2] + sums[5] + sums[7]
         there = {
             "tangential": self.forces.rubs,
             "rolling": self.forces.winds,
             "substrate": self.coupled,
+            "expansion": self.forces.spreads,
             "dissipated": self.contacts.dissipates,
         }
         return {name: value for name, value in parts.items() if there.get(name, True)}
@@ -65,6 +67,8 @@ class Energy:
                 stored = self.forces.stored(p)
                 for part in ti.static(range(3)):
                     sums[2 + part] += stored[part]
+                if ti.static(self.forces.spreads):
+                    sums[7] += self.forces.expansions.energy(p)
             if ti.static(self.contacts.dissipates):
                 sums[6] += self.contacts.lost[p]
 

@@ -10,12 +10,15 @@ from halfspace import backend
 from taichi_dem import guards
 from taichi_dem.boundaries import Boundaries
 from taichi_dem.contact_list import ContactList
-from taichi_dem.control import STALE, TOO_DEEP, UNSOLVED, Control
+from taichi_dem.control import OVERPRESSED, STALE, TOO_DEEP, UNSOLVED, Control
 from taichi_dem.drivers import Drivers
 from taichi_dem.effects import Effects
 from taichi_dem.energy import Energy
 from taichi_dem.exchange import Exchange
+from taichi_dem.expansion_newton import ImplicitExpansions
+from taichi_dem.expansions import Expansions
 from taichi_dem.forces import Coefficients, Forces
+from taichi_dem.geometry import Geometry
 from taichi_dem.grid import Grid, best_cell_size
 from taichi_dem.guards import SimulationStopped
 from taichi_dem.hosted import HostedExchange
@@ -29,6 +32,7 @@ from taichi_dem.types import ti
 from taichi_dem.views import ParticleState, contact_records
 
 CONTACTS_PER_PARTICLE = 4  # of the first list; it regrows
+PAIRS_PER_PARTICLE = 12  # of its contacts; likewise
 GROWTH = 1.3
 REORDER_ABOVE = 300  # particles: fewer are close together in the cache in any order
 REORDER_EVERY = 8  # rebuilds
@@ -68,7 +72,7 @@ class Engine:
             table.place(builder)
         self._soil = place[scene.substrate.material] if scene.substrate else -1
         self.exchange = self._make_exchange(builder)
-        self.hosted = HostedExchange(self.exchange) if self.exchange is not None else None
+        self._hosted = HostedExchange(self.exchange) if self.exchange is not None else None
         self._trees = [builder.finalize()]
         weakref.finalize(self, _destroy, self._trees)
         self.control.fill(time_step, scene.gravity, max_overlap)
@@ -86,6 +90,7 @@ class Engine:
         self.grid = Grid(self.particles, self._set_skin(), self._extent)
         self._trees.append(self.grid.tree)
         self.lost, self.rebuilds = 0.0, 0
+        self._pairs = PAIRS_PER_PARTICLE * spheres.count + 64
         self._make_list(CONTACTS_PER_PARTICLE * spheres.count + 64)
         self._start()
 
@@ -143,25 +148,31 @@ class Engine:
 
     def _make_steps(self, most: int) -> int:
         """As many steps as can be made before the host is needed, at most ``most``."""
-        if self.exchange is not None and self.exchange.hosted:
+        if self._host is not None:
             most = 1
         drivers = self.drivers
         ways = {"serial": drivers.serial, "team": drivers.team, "parallel": drivers.loop}
         return self.pace.advance(most, ways)
 
+    @property
+    def _host(self) -> HostedExchange | None:
+        """Who solves for the contacts with the substrate, if they are too many for the kernel."""
+        hosted = self._hosted
+        return hosted if hosted is not None and hosted.exchange.hosted else None
+
     def _solve_on_host(self) -> None:
-        if self.exchange is not None and self.exchange.hosted:
-            self.hosted.update(self.contacts)
+        if self._host is not None:
+            self._host.update(self.contacts)
 
     def _note_stored(self) -> None:
         """What the surface holds; the solve in the kernel says so at every step."""
-        if self.exchange is not None and self.exchange.hosted:
-            self.hosted.note_energy()
+        if self._host is not None:
+            self._host.note_energy()
 
     def _answer(self) -> None:
         """Do what the kernels called the host for."""
         reasons = self.control.reasons()
-        if reasons & (1 << TOO_DEEP | 1 << UNSOLVED):
+        if reasons & (1 << TOO_DEEP | 1 << UNSOLVED | 1 << OVERPRESSED):
             self._stop_at_nonsense()  # which may be behind either
         if reasons & 1 << TOO_DEEP:
             records = self.records()
@@ -169,6 +180,8 @@ class Engine:
                 records, self.scene.spheres.radius, float(self.control.deepest[None])
             )
             self._stop(why, row)
+        if reasons & 1 << OVERPRESSED:
+            self._stop(*guards.describe_overpressed(self.records()))
         if reasons & 1 << UNSOLVED:
             self._stop(
                 "the contacts with the substrate found no equilibrium. Try a smaller time step or "
@@ -226,6 +239,8 @@ class Engine:
             self.grid.cell_size[None] = self._set_skin()
         self.lost += self.energy.loss(True)
         self.neighbors.save(remember)
+        if self.expansions is not None:
+            self.expansions.review()
         self.grid.sort()
         if self.particles.count > REORDER_ABOVE and self.rebuilds % REORDER_EVERY == 0:
             self.particles.reorder(self.grid.particle)
@@ -237,6 +252,12 @@ class Engine:
             self._make_list(int(GROWTH * total))
             self.neighbors.count()
         self.neighbors.fill()
+        if self.expansions is not None and (pairs := self.expansions.enrol()) > self._pairs:
+            self._pairs = int(GROWTH * pairs)
+            self._make_list(self.contacts.capacity)
+            self.neighbors.count()
+            self.neighbors.fill()
+            self.expansions.enrol()
         if self.boundaries.any_moves:
             self.boundaries.enrol(self.contacts)
         if self.exchange is not None:
@@ -246,7 +267,7 @@ class Engine:
 
     def _make_list(self, capacity: int) -> None:
         """A contact list of ``capacity``, and the kernels that work on it."""
-        old = getattr(self, "contacts", None)
+        old, spread = getattr(self, "contacts", None), getattr(self, "expansions", None)
         self.contacts = ContactList(self.particles.count, capacity, self.effects)
         self._trees.append(self.contacts.tree)
         if old is not None:
@@ -260,6 +281,7 @@ class Engine:
             self._soil >= 0,
             self.effects,
         )
+        self.expansions = self._make_expansions()
         self.forces = Forces(
             self.scene.law,
             self.effects,
@@ -270,6 +292,7 @@ class Engine:
             self.exchange,
             self._soil,
             self.control,
+            self.expansions,
         )
         verlet = Verlet(self.particles, self.control, self.effects.rotation)
         self.drivers = Drivers(
@@ -277,8 +300,29 @@ class Engine:
         )
         self.energy = Energy(self.forces, self.exchange, self.boundaries)
         if old is not None:
-            self._trees.remove(old.tree)
-            old.tree.destroy()
+            for tree in (old.tree, *([spread.tree] if spread else [])):
+                self._trees.remove(tree)
+                tree.destroy()
+
+    def _make_expansions(self) -> Expansions | None:
+        """What a surface law computes with on the present list."""
+        law = self.scene.law
+        if law.surface is None:
+            return None
+        table = self._coefficients["surface"].table
+        geometry = Geometry(self.particles, self.boundaries, self._soil)
+        given = (law.surface, table, geometry, self.contacts, self.control)
+        if law.surface.lagged:
+            made = Expansions(*given)
+        else:
+            made = ImplicitExpansions(
+                *given,
+                normal=law.normal,
+                normal_table=self._coefficients["normal"].table,
+                pairs=self._pairs,
+            )
+        self._trees.append(made.tree)
+        return made
 
     def _set_skin(self) -> float:
         """Put the skin's width in force; returns the cell size that goes with it."""

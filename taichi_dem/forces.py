@@ -13,9 +13,10 @@ from taichi_dem.contacts.contact import at_rest, meet
 from taichi_dem.contacts.law import Law
 from taichi_dem.control import TOO_DEEP, Control
 from taichi_dem.effects import Effects
+from taichi_dem.geometry import Geometry
 from taichi_dem.material import Material
 from taichi_dem.particles import Particles
-from taichi_dem.types import real, ti, vec3
+from taichi_dem.types import real, ti, vec2, vec3
 
 
 class Coefficients:
@@ -44,7 +45,8 @@ class Coefficients:
 @ti.data_oriented
 class Forces:
     """Contact forces of ``particles`` under ``law``; ``substrate`` is the coupled one or None,
-    ``substrate_material`` the index of its material, -1 where the scene has none."""
+    ``substrate_material`` the index of its material, -1 where the scene has none; ``expansions``
+    are those of a surface law or None."""
 
     def __init__(
         self,
@@ -57,6 +59,7 @@ class Forces:
         substrate: Any,
         substrate_material: int,
         control: Control,
+        expansions: Any = None,
     ):
         self.particles, self.boundaries, self.contacts = particles, boundaries, contacts
         self.normal, self.tangential, self.rolling = law.normal, law.tangential, law.rolling
@@ -71,87 +74,69 @@ class Forces:
         self.winds = self.rolls and bool(law.rolling.history)
         if self.rolls:
             self.rolling_table = coefficients["rolling"].table
-        self.has_substrate = substrate_material >= 0
+        self.geometry = Geometry(particles, boundaries, substrate_material)
         self.coupled = substrate is not None
         self.substrate, self.substrate_material = substrate, substrate_material
-        self.has_faces = boundaries.face_count > 0
         self.control = control
+        self.surface, self.spreads = law.surface, expansions is not None
+        self.expansions = expansions
 
     @ti.func
     def evaluate(self, p, time_step):
         """Force, couple and history of contact ``p``."""
         i, j = self.contacts.ends[p].i, self.contacts.ends[p].j
-        body, spin = self.particles.body[i], self.particles.spin[i]
-        normal, overlap, velocity = vec3(0.0), -1.0, body.velocity
-        surface_spin, mean_spin, relative_spin = vec3(0.0), 0.5 * spin.omega, spin.omega
-        radius, mass = body.radius, 0.0
-        smaller, material, inverse_reach = body.radius, 0, 0.0
+        spin = self.particles.spin[i]
         touched = self.contacts.touching[p] != APART
-        if j >= 0:
-            partner = self.particles.body[j]
-            separation = body.position - partner.position
-            reach = body.radius + partner.radius
-            square = separation.dot(separation)
-            if square < reach * reach or touched:
-                distance = ti.sqrt(square)
-                normal = separation / distance
-                overlap = reach - distance
-                velocity -= partner.velocity
-                omega = self.particles.spin[j].omega
-                surface_spin = (partner.radius - 0.5 * overlap) * omega
-                mean_spin += 0.5 * omega
-                relative_spin -= omega
-                inverse_reach = 1.0 / reach
-                radius = body.radius * partner.radius / reach
-                mass = 1.0 / (body.inverse_mass + partner.inverse_mass)
-                smaller = ti.min(body.radius, partner.radius)
-                material = self.particles.spin[j].material
-        else:
-            mass = 1.0 / body.inverse_mass
-            if ti.static(self.has_substrate):
-                if j == SUBSTRATE:
-                    normal = vec3(0.0, 0.0, 1.0)
-                    overlap = body.radius - body.position[2]
-                    material = self.substrate_material
-                    if ti.static(self.coupled):
-                        overlap += self.substrate.ground[i].expansion
-            if ti.static(self.has_faces):
-                if j <= FIRST_FACE:
-                    wall = self.boundaries.face[FIRST_FACE - j]
-                    normal = wall.normal
-                    overlap = body.radius - (body.position - wall.point).dot(normal)
-                    velocity -= wall.velocity
-                    mass = 1.0 / (body.inverse_mass + wall.inverse_mass)
-                    material = wall.material
+        reach = 0.0
+        if ti.static(self.spreads):
+            reach = self.control.reach[None]
+        met = self.geometry.encounter(i, j, reach, touched)
+        overlap, expansion = met.overlap, vec2(0.0)
+        if ti.static(self.coupled):
+            if j == SUBSTRATE:
+                overlap += self.substrate.ground[i].expansion
+        if ti.static(self.spreads):
+            if self.expansions.note(p, met):
+                expansion = self.expansions.of(p)
+                overlap += expansion[0] + expansion[1]
+                self.expansions.watch(p, expansion[0] + expansion[1])
 
         if overlap > 0.0 or touched:
-            surface_spin += (body.radius - 0.5 * overlap) * spin.omega
+            arm = self.particles.body[i].radius - 0.5 * overlap
+            partner_arm = met.partner_radius - 0.5 * overlap
+            if ti.static(self.spreads):
+                arm += expansion[0]
+                partner_arm += expansion[1]
             contact = meet(
-                normal,
+                met.normal,
                 overlap,
-                velocity,
-                surface_spin,
-                mean_spin.dot(normal),
-                radius,
-                mass,
+                met.velocity,
+                arm * spin.omega + partner_arm * met.partner_omega,
+                0.5 * (spin.omega + met.partner_omega).dot(met.normal),
+                met.effective_radius,
+                met.effective_mass,
                 time_step,
             )
             if ti.static(self.asks_reach):
-                contact.inverse_reach = inverse_reach
+                if j >= 0:
+                    own = self.particles.body[i].radius
+                    contact.inverse_reach = 1.0 / (own + met.partner_radius)
             if ti.static(self.asks_spin):
-                contact.relative_spin = relative_spin
+                contact.relative_spin = spin.omega - met.partner_omega
             if ti.static(self.asks_inertia):
                 contact.rolling_inertia = 1.0 / self.shared_inverse_inertia(i, j, touched)
-            if self.is_closed(p, contact, touched, spin.material, material):
+            if self.is_closed(p, contact, touched, spin.material, met.material):
                 lateral = vec3(0.0)
                 if ti.static(self.coupled):
                     if j == SUBSTRATE:
                         lateral = self.substrate.lateral_force(i)
-                self.apply_laws(p, contact, velocity, lateral, spin.material, material)
-                if overlap > self.control.deepest[None] * smaller:
+                if ti.static(self.spreads):
+                    lateral += self.expansions.lateral_force(p)
+                self.apply_laws(p, contact, met.velocity, lateral, spin.material, met.material)
+                if overlap > self.control.deepest[None] * met.smaller:
                     self.control.raise_flag(TOO_DEEP)
             else:
-                self.open(p, contact, velocity)
+                self.open(p, contact, met.velocity)
 
     @ti.func
     def is_closed(self, p, contact, touched, first, second):
@@ -204,6 +189,8 @@ class Forces:
         if ti.static(self.contacts.dissipates):
             drag = normal.elastic - normal.total
             self.book(p, contact, velocity, push, drag, friction, torque)
+        if ti.static(self.spreads):
+            self.surface.remember(normal, history)
         if ti.static(self.contacts.has_history):
             self.contacts.history[p] = history
         self.contacts.result[p].force = push + friction
@@ -288,6 +275,8 @@ class Forces:
         if ti.static(self.coupled):
             if self.contacts.ends[p].j == SUBSTRATE:
                 self.contacts.lost[p] += self.substrate.stored(self.contacts.ends[p].i)
+        if ti.static(self.spreads):
+            self.contacts.lost[p] += self.expansions.energy(p)
 
     @ti.func
     def gather(self, i):
@@ -303,6 +292,8 @@ class Forces:
                 force += sign * self.contacts.result[p].force
                 if ti.static(self.rubs):
                     arm = radius - self.contacts.result[p].half_overlap
+                    if ti.static(self.spreads):
+                        arm += self.contacts.history[p].expansion[entry & 1]
                     torque -= arm * self.contacts.result[p].couple
                 if ti.static(self.rolls):
                     torque += sign * self.contacts.result[p].torque

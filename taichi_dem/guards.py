@@ -96,5 +96,20 @@ def describe_deepest(records: np.ndarray, radius: np.ndarray, limit: float) -> t
     )
 
 
+def describe_overpressed(records: np.ndarray) -> tuple[str, int]:
+    """The words for spheres that give way, and the one whose surface has risen most."""
+    expansion = records["expansion"]
+    k = int(np.argmax(expansion.max(axis=1)))
+    side = int(np.argmax(expansion[k]))
+    sphere = int(records["ij"[side]][k])
+    return (
+        f"the contacts found no equilibrium: the surface of sphere {sphere} has risen by "
+        f"{expansion[k, side]:.3g} m at an overlap of {records['overlap'][k]:.3g} m. Beyond a "
+        "compression of some tenths of the radius there is none under the multi-contact law, as "
+        "each contact is pressed more by what the others raise than it can bear. Compress less, "
+        "or take a smaller time step or prefactor"
+    ), sphere
+
+
 def _point(values: np.ndarray) -> str:
     return "(" + ", ".join(f"{value:.4g}" for value in values) + ")"

@@ -148,7 +148,7 @@ class Neighbors:
         """Count the partners of ``i``, which is at place ``s`` in the cells, and write the first
         ``room`` of them from ``first`` on."""
         near, ranks = ti.static(self.grid.near, self.grid.rank)
-        skin = self.control.skin[None]
+        skin = self.control.skin[None] + self.control.reach[None]
         if ti.static(self.adhesion):
             skin += self.reach
         position, radius, rank = near[s].position, near[s].radius, ranks[s]

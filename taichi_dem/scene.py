@@ -79,6 +79,7 @@ class Scene:
     def __post_init__(self) -> None:
         problems = [*self._kind_problems(), *set_vectors(self, "gravity")]
         problems.append(_not_yet("period", self.period, "periodic sides are"))
+        problems += self._surface_problems()
         if not any(problems):
             object.__setattr__(self, "boundaries", tuple(self.boundaries))
             problems += self._name_problems()
@@ -128,6 +129,17 @@ class Scene:
             check("substrate", self.substrate, Substrate | None, "a Substrate or None"),
             None if hasattr(self.law, "normal") else Problem("law", self.law, "must be a Law"),
         ]
+
+    def _surface_problems(self) -> list[Problem]:
+        """A surface law and a substrate that gives, which nothing solves together yet."""
+        surface, substrate = getattr(self.law, "surface", None), self.substrate
+        if surface is None or getattr(substrate, "exchange", "none") == "none":
+            return []
+        rule = (
+            "must be 'none' with a surface law (the substrate is then rigid but for its contacts): "
+            "spheres and ground that both rise are not solved together yet"
+        )
+        return [Problem("substrate.exchange", substrate.exchange, rule)]
 
     def _name_problems(self) -> list[Problem]:
         names = [material.name for material in self.materials]

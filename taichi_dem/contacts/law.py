@@ -11,13 +11,14 @@ from taichi_dem.contacts.hertz import Hertz
 from taichi_dem.contacts.hooke import Hooke
 from taichi_dem.contacts.jkr import JKR
 from taichi_dem.contacts.mindlin import Mindlin
+from taichi_dem.contacts.multicontact import MultiContact
 from taichi_dem.validation import InputError, Problem
 
 LAWS: dict[str, dict[str, type]] = {
     "normal": {"Hertz": Hertz, "Hooke": Hooke, "JKR": JKR, "EEPA": EEPA},
     "tangential": {"Mindlin": Mindlin},
     "rolling": {"CDT": CDT, "CDTJKR": CDTJKR},
-    "surface": {},
+    "surface": {"MultiContact": MultiContact},
 }
 
 
@@ -71,7 +72,11 @@ class Law:
         yield Problem(slot, law, f"must be {'one of ' if allowed else ''}{names}")
 
     def _problems_together(self) -> Iterable[Problem]:
-        """Adhesion energy is given once."""
+        """Adhesion energy is given once; what no solve of expansions can follow is refused."""
+        if self.surface is not None and getattr(self.normal, "adhesive", False):
+            kind = type(self.normal).__name__
+            rule = f"must be left out with {kind}, whose contacts are held past zero overlap"
+            yield Problem("surface", self.surface, rule)
         rows = {"rolling": self.rolling}
         rows |= {
             f"pairs[{names!r}].rolling": laws.get("rolling") for names, laws in self.pairs.items()
@@ -98,6 +103,10 @@ class Law:
             yield Problem(path, laws, rule)
             return
         for slot, law in laws.items():
+            if slot == "surface":
+                rule = "must be left out: a surface law is that of a whole sphere"
+                yield Problem(f"{path}.{slot}", law, rule)
+                continue
             general = getattr(self, slot, None) if slot in LAWS else None
             if general is None:
                 used = ", ".join(self.parts())

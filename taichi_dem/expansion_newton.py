@@ -1,0 +1,394 @@
+"""Expansions and forces that agree with each other, at every step.
+
+With d the overlaps over undeformed surfaces, F the forces and M what they raise on the spheres, the
+effective overlaps D of all contacts satisfy
+
+    D - d - M F(D) = 0
+
+by semismooth Newton.  Its step s solves (1 - M K) s = d + M F - D, K = F'(D), by conjugate
+gradients in the inner product of K, in which the matrix is symmetric.  Where it is no longer
+positive the spheres give way: beyond, there is no equilibrium.
+
+The work is cut into passes over the particles, each with its contacts or with those that it looks
+for; between two passes one thread adds up and decides what comes next.  So it runs in any driver,
+with the same bits.
+"""
+
+import math
+from typing import Any
+
+from taichi_dem.contact_list import APART
+from taichi_dem.contacts.contact import at_rest
+from taichi_dem.control import OVERPRESSED
+from taichi_dem.expansions import Expansions
+from taichi_dem.types import real, ti, vec2, vec3
+
+DONE, MEET, MATCH, WEIGH, SPREAD, ADVANCE, STEP, RAISE, TILT = range(9)  # the passes
+FORCING = 0.02  # how far a Newton step is solved, as a share of the error
+MOST_ROUNDS = 200  # of conjugate gradients in a step
+
+
+@ti.data_oriented
+class ImplicitExpansions(Expansions):
+    """As ``Expansions``, solved together.
+
+    influence  M of each particle, one triangle after the other; those of i from first_pair[i] on
+    near       contacts within reach of each particle's own, from start on; near_count of them
+    sums       of each particle: what a pass finds out, the largest of one number, sums of two
+    rise       of each entry, m: what the body's surface rises by under forces, or a direction's
+    pull       of each entry, N: the force on its body by which M changes as the contacts move
+    """
+
+    implicit = True
+
+    def __init__(self, *of_expansions: Any, normal: Any, normal_table: Any, pairs: int):
+        self.normal_law, self.normal_table = normal, normal_table
+        self.pairs = pairs
+        super().__init__(*of_expansions)
+
+    def place_more(self, builder: "ti.FieldsBuilder") -> None:
+        capacity, particles = self.contacts.capacity, self.particles.count
+        for name in "effective force tangent remainder direction step separation".split():
+            setattr(self, name, ti.field(real))
+            builder.dense(ti.i, capacity).place(getattr(self, name))
+        self.near, self.partner = ti.field(ti.i32), ti.field(ti.i32)
+        for field in (self.near, self.partner):
+            builder.dense(ti.i, capacity).place(field)
+        self.rise, self.pull = ti.field(real), ti.Vector.field(3, real)
+        for field in (self.rise, self.pull):
+            builder.dense(ti.i, 2 * capacity).place(field)
+        self.influence = ti.field(real)
+        builder.dense(ti.i, self.pairs).place(self.influence)
+        self.near_count, self.first_pair = ti.field(ti.i32), ti.field(ti.i32)
+        builder.dense(ti.i, particles).place(self.near_count)
+        builder.dense(ti.i, particles + 1).place(self.first_pair)
+        self.sums = ti.Vector.field(3, real)
+        builder.dense(ti.i, particles).place(self.sums)
+        self.phase, self.rounds, self.made = ti.field(ti.i32), ti.field(ti.i32), ti.field(ti.i32)
+        self.goal, self.aim, self.error = ti.field(real), ti.field(real), ti.field(real)
+        self.product, self.length, self.share = ti.field(real), ti.field(real), ti.field(real)
+        self.scale, self.turn = ti.field(real), ti.field(real)
+        self.passes = ti.field(ti.i64)
+        builder.place(self.phase, self.rounds, self.made, self.passes)
+        builder.place(self.goal, self.aim, self.error, self.product, self.length)
+        builder.place(self.share, self.scale, self.turn)
+
+    def enrol(self) -> int:
+        return self._lay_out()
+
+    @ti.kernel
+    def _lay_out(self) -> ti.i32:
+        """Where each particle's triangle starts; returns the room for all."""
+        total = 0
+        ti.loop_config(serialize=True)
+        for i in range(self.particles.count):
+            end = self.contacts.incidence_start[i + 1]
+            number = end - self.contacts.incidence_start[i]
+            self.first_pair[i] = total
+            total += number * (number - 1) // 2
+        return total
+
+    # -- the passes of one particle --------------------------------------------------------------
+
+    @ti.func
+    def work(self, i):
+        """The share of particle ``i`` in the present pass."""
+        phase = self.phase[None]
+        if phase == MEET:
+            self.meet(i)
+        elif phase == MATCH:
+            self.match(i)
+        elif phase == WEIGH:
+            self.weigh(i)
+        elif phase == SPREAD:
+            self.spread(i)
+        elif phase == ADVANCE:
+            self.advance(i)
+        elif phase == STEP:
+            self.make_step(i)
+        elif phase == RAISE:
+            self.raise_surfaces(i)
+        elif phase == TILT:
+            self.tilt(i)
+
+    @ti.func
+    def meet(self, i):
+        """Geometry of the contacts within reach, and the overlaps that the past lets expect."""
+        number, first, deepest = 0, self.contacts.start[i], 0.0
+        for p in range(first, self.contacts.start[i + 1]):
+            j = self.contacts.ends[p].j
+            touched = self.contacts.touching[p] != APART
+            met = self.geometry.encounter(i, j, self.control.reach[None], touched)
+            if self.note(p, met):
+                self.near[first + number] = p
+                number += 1
+                self.partner[p] = met.material
+                self.separation[p] = math.inf
+                if j >= 0:
+                    reached = self.particles.body[i].radius + self.particles.body[j].radius
+                    self.separation[p] = reached - met.overlap
+                else:
+                    self.rest(2 * p + 1)  # nobody's, after that of another contact
+                self.effective[p] = met.overlap + self.expected(p)
+                self.press(p)
+                deepest = ti.max(deepest, met.overlap)
+        self.near_count[i] = number
+        self.sums[i] = vec3(deepest, 0.0, 0.0)
+
+    @ti.func
+    def expected(self, p):
+        """The sum of expansions that the past steps lead one to expect."""
+        history = self.contacts.history[p]
+        past = history.expansions_before
+        expected = past[0]
+        if history.age == 2:
+            expected = 2.0 * past[0] - past[1]
+        elif history.age >= 3:
+            expected = 3.0 * (past[0] - past[1]) + past[2]
+        return expected
+
+    @ti.func
+    def press(self, p):
+        """Force and tangent at the effective overlap; motion and memory are left as they are."""
+        answer, overlap = vec2(0.0), self.effective[p]
+        if overlap > 0.0:
+            material = self.particles.spin[self.contacts.ends[p].i].material
+            history = self.contacts.history[p]
+            normal = self.normal_law.force(
+                at_rest(overlap, self.radius[p], 1.0),
+                self.normal_table[material, self.partner[p]],
+                history,
+            )
+            answer = vec2(normal.elastic, normal.stiffness)
+        self.force[p], self.tangent[p] = answer[0], answer[1]
+
+    @ti.func
+    def match(self, i):
+        """M of the particle, and what the forces raise."""
+        number, base = self.gather(i), self.contacts.incidence_start[i]
+        k, at = self.bulk(i), self.first_pair[i]
+        for a in range(base, base + number):
+            for b in range(base, a):
+                curvature = 0.5 * (self.curvature[a] + self.curvature[b])
+                s = self.law.half_sine(
+                    self.inward[a].dot(self.inward[b]),
+                    curvature,
+                    ti.max(self.least[a], self.least[b]),
+                )
+                influence = 0.0
+                if s > 0.0:
+                    influence = -curvature * self.law.shape(k, s)[0]
+                self.influence[at] = influence
+                at += 1
+        self.raise_surfaces(i)
+
+    @ti.func
+    def raise_surfaces(self, i):
+        """rise = M force."""
+        base = self.contacts.incidence_start[i]
+        for a in range(base, base + self.count[i]):
+            self.load[a] = self.force[self.entry[a] >> 1]
+        self.apply(i)
+
+    @ti.func
+    def apply(self, i):
+        """rise = M load."""
+        base, at = self.contacts.incidence_start[i], self.first_pair[i]
+        for a in range(base, base + self.count[i]):
+            load, own = self.load[a], 0.0
+            for b in range(base, a):
+                influence = self.influence[at]
+                own += influence * self.load[b]
+                self.answer[b] += influence * load
+                at += 1
+            self.answer[a] = own
+        for a in range(base, base + self.count[i]):
+            self.rise[self.entry[a]] = self.answer[a]
+
+    @ti.func
+    def risen(self, p):
+        return self.rise[2 * p] + self.rise[2 * p + 1]
+
+    @ti.func
+    def weigh(self, i):
+        """How far the overlaps are from what the forces make of them."""
+        error, product, first = 0.0, 0.0, self.contacts.start[i]
+        for place in range(first, first + self.near_count[i]):
+            p = self.near[place]
+            reached = self.overlap[p] + self.risen(p)
+            if self.effective[p] <= 0.0 and reached <= 0.0:
+                self.effective[p] = reached  # open, and stays open: solved outright
+            defect = self.effective[p] - reached
+            wrong = ti.abs(ti.max(self.effective[p], 0.0) - ti.max(reached, 0.0))
+            if not (ti.abs(defect) < math.inf):  # not-a-number must not pass for solved
+                wrong = math.inf
+            error = ti.max(error, wrong)
+            product += self.tangent[p] * defect * defect
+            self.remainder[p], self.direction[p], self.step[p] = -defect, 0.0, 0.0
+        self.sums[i] = vec3(error, product, 0.0)
+
+    @ti.func
+    def spread(self, i):
+        """rise = M K of the next direction; what of the curvature belongs to the particle."""
+        curvature, first = 0.0, self.contacts.start[i]
+        for place in range(first, first + self.near_count[i]):
+            p = self.near[place]
+            curvature += self.tangent[p] * self.next_direction(p) ** 2
+        base = self.contacts.incidence_start[i]
+        for a in range(base, base + self.count[i]):
+            p = self.entry[a] >> 1
+            self.load[a] = self.tangent[p] * self.next_direction(p)
+        self.apply(i)
+        for a in range(base, base + self.count[i]):
+            curvature -= self.load[a] * self.answer[a]
+        self.sums[i] = vec3(0.0, curvature, 0.0)
+
+    @ti.func
+    def next_direction(self, p):
+        return self.remainder[p] + self.turn[None] * self.direction[p]
+
+    @ti.func
+    def advance(self, i):
+        """Go along the direction as far as pays."""
+        left, product, first = 0.0, 0.0, self.contacts.start[i]
+        for place in range(first, first + self.near_count[i]):
+            p = self.near[place]
+            direction = self.next_direction(p)
+            remainder = self.remainder[p] - self.length[None] * (direction - self.risen(p))
+            self.direction[p], self.remainder[p] = direction, remainder
+            self.step[p] += self.length[None] * direction
+            if self.tangent[p] > 0.0:
+                left = ti.max(left, ti.abs(remainder))
+            product += self.tangent[p] * remainder * remainder
+        self.sums[i] = vec3(left, product, 0.0)
+
+    @ti.func
+    def make_step(self, i):
+        """Change the overlaps, and the forces with them."""
+        first = self.contacts.start[i]
+        for place in range(first, first + self.near_count[i]):
+            p = self.near[place]
+            step = self.step[p]
+            if self.tangent[p] <= 0.0:
+                step += self.remainder[p]
+            most = ti.max(self.effective[p], self.overlap[p]) + self.scale[None]
+            self.effective[p] = ti.min(self.effective[p] + self.share[None] * step, most)
+            self.press(p)
+
+    @ti.func
+    def lateral_force(self, p):
+        return self.pull[2 * p] - self.pull[2 * p + 1]
+
+    @ti.func
+    def tilt(self, i):
+        """Note the expansions, and the forces by which M changes as the contacts move."""
+        base, number, k = self.contacts.incidence_start[i], self.count[i], self.bulk(i)
+        for a in range(base, base + number):
+            self.pull[self.entry[a]] = vec3(0.0)
+            self.load[a] = self.force[self.entry[a] >> 1]
+        for a in range(base, base + number):
+            for b in range(base, a):
+                if self.load[a] != 0.0 and self.load[b] != 0.0:
+                    self.tilt_pair(k, a, b)
+        for a in range(base, base + number):
+            entry = self.entry[a]
+            self.contacts.history[entry >> 1].expansion[entry & 1] = self.rise[entry]
+
+    @ti.func
+    def tilt_pair(self, k, a, b):
+        """The derivative of F_a M_ab F_b by the places of the two contacts."""
+        inward_a, inward_b = self.inward[a], self.inward[b]
+        cosine = inward_a.dot(inward_b)
+        inverse_a, inverse_b = self.curvature[a], self.curvature[b]
+        curvature = 0.5 * (inverse_a + inverse_b)
+        least = ti.max(self.least[a], self.least[b])
+        s = self.law.half_sine(cosine, curvature, least)
+        shape = self.law.shape(k, s)
+        loads = self.load[a] * self.load[b]
+        cut = 2.0 * s <= curvature * least * (1.0 + 1e-12)
+        by_cosine = ti.select(cut, 0.0, -curvature * shape[2]) * loads
+        by_curvature = -0.5 * (shape[0] + ti.select(cut, s * shape[1], 0.0)) * loads
+        # d(1/a)/d(overlap) = 1/(2 a^2)
+        deeper_a = 0.5 * by_curvature * inverse_a * inverse_a
+        deeper_b = 0.5 * by_curvature * inverse_b * inverse_b
+        if cut:  # the wider contact decides: d least/d(overlap) = R* / (2 least)
+            wider = -0.5 * curvature * curvature * shape[1] * loads
+            if self.least[a] >= self.least[b]:
+                deeper_a += wider * 0.5 * self.radius[self.entry[a] >> 1] / least
+            else:
+                deeper_b += wider * 0.5 * self.radius[self.entry[b] >> 1] / least
+        turn_a = by_cosine / self.separation[self.entry[a] >> 1]
+        turn_b = by_cosine / self.separation[self.entry[b] >> 1]
+        self.pull[self.entry[a]] += deeper_a * inward_a - turn_a * (inward_b - cosine * inward_a)
+        self.pull[self.entry[b]] += deeper_b * inward_b - turn_b * (inward_a - cosine * inward_b)
+
+    @ti.func
+    def rest(self, entry):
+        self.contacts.history[entry >> 1].expansion[entry & 1] = 0.0
+        self.rise[entry] = 0.0
+        self.pull[entry] = vec3(0.0)
+
+    # -- between two passes ----------------------------------------------------------------------
+
+    @ti.func
+    def begin(self):
+        """Start on the present state."""
+        self.phase[None], self.made[None], self.share[None] = MEET, 0, 1.0
+
+    @ti.func
+    def total(self):
+        """What the particles have found, added up in their order: the largest and two sums."""
+        total = vec3(0.0)
+        for i in range(self.particles.count):
+            sums = self.sums[i]
+            total[0] = ti.max(total[0], sums[0])
+            total[1] += sums[1]
+        return total
+
+    @ti.func
+    def decide(self):
+        """Which pass comes next."""
+        phase = self.phase[None]
+        self.passes[None] += 1
+        if phase == MEET:
+            self.scale[None] = self.total()[0]
+            self.goal[None] = self.law.residual * self.scale[None]
+            self.phase[None] = MATCH
+        elif (phase == MATCH) | (phase == RAISE):
+            self.phase[None] = WEIGH
+        elif phase == WEIGH:
+            self.judge()
+        elif phase == SPREAD:
+            curvature = self.total()[1]
+            self.length[None] = self.product[None] / ti.select(curvature > 0.0, curvature, 1.0)
+            self.phase[None] = ADVANCE if curvature > 0.0 else STEP
+        elif phase == ADVANCE:
+            found = self.total()
+            self.rounds[None] += 1
+            self.turn[None] = found[1] / self.product[None]
+            self.product[None] = found[1]
+            more = found[0] > self.aim[None] and found[1] > 0.0
+            self.phase[None] = SPREAD if more and self.rounds[None] < MOST_ROUNDS else STEP
+        elif phase == STEP:
+            self.phase[None] = RAISE
+        else:
+            self.phase[None] = DONE
+
+    @ti.func
+    def judge(self):
+        """Whether the overlaps are good enough, and how to go on if not."""
+        found = self.total()
+        error, self.product[None] = found[0], found[1]
+        if error <= self.goal[None]:
+            self.phase[None] = TILT
+        elif self.made[None] == self.law.iterations:
+            self.control.raise_flag(OVERPRESSED)
+            self.phase[None] = TILT
+        else:
+            better = self.made[None] == 0 or error < self.error[None]
+            self.share[None] = 1.0 if better else 0.5  # a full step may overshoot across a kink
+            self.error[None] = error
+            self.made[None] += 1
+            self.rounds[None], self.turn[None] = 0, 0.0
+            self.aim[None] = ti.max(FORCING * error, 0.5 * self.goal[None])
+            self.phase[None] = SPREAD if found[1] > 0.0 else STEP

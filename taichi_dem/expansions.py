@@ -1,0 +1,164 @@
+"""What the surfaces of the spheres rise by where others press on them: fields and lagged exchange.
+
+Each contact has two entries, 2 p for its first body and 2 p + 1 for its second, as in the list of
+incidences.  Only contacts within ``control.reach`` are looked at: those that an expansion could
+close.
+"""
+
+import math
+from typing import Any
+
+from taichi_dem.contact_list import ContactList
+from taichi_dem.control import STALE, Control
+from taichi_dem.geometry import Geometry
+from taichi_dem.types import real, ti, vec3
+
+SPARE = 1.5  # reach by the largest expansions that met across a gap
+USED = 0.8  # of the reach: beyond, the list is made anew, with more
+LEAST_REACH = 0.02  # of the skin
+
+
+@ti.data_oriented
+class Expansions:
+    """Fields of the contacts on one list; ``law`` is a ``MultiContact``.
+
+    largest            m, sum of the expansions on both sides of a gap, since the last list
+    overlap, normal    of each contact, over undeformed surfaces; -inf beyond reach
+    count              contacts within reach of each particle, its places from incidence_start on
+    entry, inward, depth, curvature, least  of each place: its entry, the unit vector from the
+                       contact to the centre, the distance between them (m), the inverse of that
+                       (1/m), and the contact radius (m)
+    """
+
+    implicit = False
+
+    def __init__(
+        self,
+        law: Any,
+        table: Any,
+        geometry: Geometry,
+        contacts: ContactList,
+        control: Control,
+    ):
+        self.law, self.table, self.geometry = law, table, geometry
+        self.particles, self.contacts, self.control = geometry.particles, contacts, control
+        builder = ti.FieldsBuilder()
+        self.largest = ti.field(real)
+        builder.place(self.largest)
+        self.overlap, self.normal = ti.field(real), ti.Vector.field(3, real)
+        self.radius = ti.field(real)
+        for field in (self.overlap, self.normal, self.radius):
+            builder.dense(ti.i, contacts.capacity).place(field)
+        self.entry, self.inward = ti.field(ti.i32), ti.Vector.field(3, real)
+        places = [self.entry, self.inward]
+        for name in "depth curvature least load answer".split():
+            setattr(self, name, ti.field(real))
+            places.append(getattr(self, name))
+        for field in places:
+            builder.dense(ti.i, 2 * contacts.capacity).place(field)
+        self.count = ti.field(ti.i32)
+        builder.dense(ti.i, self.particles.count).place(self.count)
+        self.place_more(builder)
+        self.tree = builder.finalize()
+
+    def place_more(self, builder: "ti.FieldsBuilder") -> None:
+        """Fields of a way to solve."""
+
+    def enrol(self) -> int:
+        """The list was made anew; returns how many pairs of contacts there must be room for."""
+        return 0
+
+    def review(self) -> None:
+        """Look as far as expansions have reached since the last list, and some more."""
+        least = LEAST_REACH * self.control.skin[None]
+        self.control.reach[None] = max(SPARE * self.largest[None], least)
+        self.largest[None] = 0.0
+
+    @ti.func
+    def note(self, p, met):
+        """Keep where the bodies of contact ``p`` are; whether they are within reach."""
+        near = met.overlap > -self.control.reach[None]
+        self.overlap[p] = met.overlap if near else -math.inf
+        self.normal[p] = met.normal
+        self.radius[p] = met.effective_radius
+        return near
+
+    @ti.func
+    def of(self, p):
+        """The expansions of the first and the second body of contact ``p``, m."""
+        return self.contacts.history[p].expansion
+
+    @ti.func
+    def energy(self, p):
+        """-F e / 2 of contact ``p``, J."""
+        history = self.contacts.history[p]
+        return -0.5 * history.normal_force * (history.expansion[0] + history.expansion[1])
+
+    @ti.func
+    def lateral_force(self, p):
+        """What acts on the first body of contact ``p`` beside the laws' forces, N."""
+        return vec3(0.0)
+
+    @ti.func
+    def gather(self, i):
+        """Find the contacts of particle ``i`` within reach; those that stand alone are none."""
+        base, number = self.contacts.incidence_start[i], 0
+        radius = self.particles.body[i].radius
+        for q in range(base, self.contacts.incidence_start[i + 1]):
+            entry = self.contacts.incidence[q]
+            p = entry >> 1
+            overlap = self.overlap[p]
+            self.rest(entry)
+            if overlap > -math.inf:
+                place = base + number
+                self.entry[place] = entry
+                self.inward[place] = self.normal[p] * ti.cast(1 - 2 * (entry & 1), real)
+                self.depth[place] = radius - 0.5 * overlap
+                self.curvature[place] = 1.0 / self.depth[place]
+                self.least[place] = ti.sqrt(self.radius[p] * ti.max(overlap, 0.0))
+                number += 1
+        self.count[i] = ti.select(number > 1, number, 0)
+        return self.count[i]
+
+    @ti.func
+    def rest(self, entry):
+        """An entry whose body is not pressed elsewhere."""
+        self.contacts.history[entry >> 1].expansion[entry & 1] = 0.0
+
+    @ti.func
+    def bulk(self, i):
+        """The coefficients of the law for particle ``i``."""
+        material = self.particles.spin[i].material
+        return self.table[material, material]
+
+    @ti.func
+    def watch(self, p, expansion):
+        """Have the list made anew before the sum of expansions closes a gap that is not on it."""
+        if self.overlap[p] < 0.0:
+            ti.atomic_max(self.largest[None], expansion)
+            if not (expansion < USED * self.control.reach[None]):
+                self.control.raise_flag(STALE)
+
+    @ti.func
+    def update(self, i):
+        """Expansions of particle ``i`` for the next step, by the forces of this one."""
+        number, base = self.gather(i), self.contacts.incidence_start[i]
+        k = self.bulk(i)
+        for a in range(base, base + number):
+            p = self.entry[a] >> 1
+            self.load[a] = self.contacts.history[p].normal_force
+            self.answer[a] = 0.0
+            for b in range(base, a):
+                if self.load[a] != 0.0 or self.load[b] != 0.0:
+                    raised = self.law.published(
+                        k,
+                        self.inward[a].dot(self.inward[b]),
+                        self.depth[a],
+                        self.depth[b],
+                        ti.max(self.least[a], self.least[b]),
+                    )
+                    self.answer[a] += raised[0] * self.load[b]
+                    self.answer[b] += raised[1] * self.load[a]
+        for a in range(base, base + number):
+            entry = self.entry[a]
+            self.contacts.history[entry >> 1].expansion[entry & 1] = self.answer[a]

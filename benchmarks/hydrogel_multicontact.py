@@ -1,8 +1,8 @@
 """The hydrogel piston with multi-contact: its curve against LIGGGHTS', and how fast.
 
 Each packing of beads displaced by 1 um goes through the strokes; the mean curve is compared with
-the reference.  LIGGGHTS would take ten minutes for each, so the two codes race over a short way before
-full compression, from the state that ours has reached there.
+the reference.  LIGGGHTS would take ten minutes for each, so the two codes race over a short way
+before full compression, from the state that ours has reached there.
 """
 
 import argparse

@@ -133,7 +133,7 @@ class Scene:
     def _surface_problems(self) -> list[Problem]:
         """A surface law and a substrate that gives, which nothing solves together yet."""
         surface, substrate = getattr(self.law, "surface", None), self.substrate
-        if surface is None or getattr(substrate, "exchange", "none") == "none":
+        if surface is None or substrate is None or substrate.exchange == "none":
             return []
         rule = (
             "must be 'none' with a surface law (the substrate is then rigid but for its contacts): "

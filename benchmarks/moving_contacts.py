@@ -48,7 +48,7 @@ def _bounce(name: str, options: argparse.Namespace) -> list[Figure]:
     what = f"{side} x {side} contacts, {name}: "
     return [
         Figure(f"{what}applications per step", cost.mean(), "", at_most=APPLICATIONS),
-        Figure(f"{what}the most", cost.max(), ""),
+        Figure(f"{what}the most", float(cost.max()), ""),
         Figure(f"{what}drift of energy", abs(last - first) / available, "", at_most=most),
         Figure(f"{what}largest deviation", deviation, ""),
     ]

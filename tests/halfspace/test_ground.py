@@ -1,7 +1,9 @@
 """Displacement and slope of the half-space under given forces."""
 
+import math
 import warnings
 
+import layouts
 import numpy as np
 import pytest
 
@@ -44,6 +46,22 @@ def test_reciprocity(ground, rng):
     assert np.array_equal(c, c.T)
     assert not c.diagonal().any()
     assert c @ f == pytest.approx(cf, rel=1e-13)
+
+
+@pytest.mark.parametrize("arrangement", [layouts.uniform, layouts.clustered, layouts.outlier])
+@pytest.mark.parametrize("sign", ["random", "pressing"])
+@pytest.mark.parametrize("n", [100, 3000])
+def test_direct_sums_are_exact_to_rounding(rng, arrangement, sign, n):
+    """Against terms in extended precision that are added up without loss."""
+    x, f = arrangement(rng, n), layouts.forces(rng, n, sign)
+    w = halfspace.HalfSpace(1 / np.pi, 0.0).plan(x, method="direct").apply(f)
+    for k in rng.choice(n, 20, replace=False):
+        d = np.delete(x, k, axis=0).astype(np.longdouble) - x[k]
+        terms = np.delete(f, k) / np.sqrt((d**2).sum(axis=1))
+        # The parts that doubles hold, and what is left of each.
+        high = terms.astype(np.float64)
+        right = math.fsum([*high, *(terms - high).astype(np.float64)])
+        assert abs(w[k] - right) < 8 * np.finfo(np.float64).eps * np.abs(high).sum()
 
 
 def test_linearity(ground, rng):

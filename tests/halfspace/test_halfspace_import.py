@@ -1,6 +1,7 @@
 """What `import halfspace` brings, and what it must not."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -32,6 +33,20 @@ def test_import_and_solve_start_neither_taichi_nor_the_particles():
 
 def test_import_alone_leaves_scipy_out():
     assert "scipy" not in modules_after("import halfspace")
+
+
+def test_the_mesh_alone_knows_the_compiler():
+    """And what only the mesh imports; PyTorch is nobody's."""
+    folder = Path(halfspace.__file__).parent
+    knowing = {
+        path.stem
+        for path in folder.glob("*.py")
+        if re.search(
+            r"^\s*(from \.(backend|mesh_\w+) |from \. import .*mesh)", path.read_text(), re.M
+        )
+    }
+    assert knowing == {"mesh", "mesh_kernels", "mesh_pairs", "mesh_sizes"}
+    assert not any(re.search(r"import torch", path.read_text()) for path in folder.glob("*.py"))
 
 
 def test_public_names():

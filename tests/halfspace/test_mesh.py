@@ -55,7 +55,7 @@ def test_accuracy(rng, layout, tolerance, n):
 
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 def test_accuracy_for_many(rng, tolerance):
-    for layout in (uniform, clustered, line):
+    for layout in (uniform, clustered, line, outlier):
         check_accuracy(rng, layout, 10_000, tolerance, sample=60)
 
 

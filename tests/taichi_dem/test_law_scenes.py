@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 from law_twins import EEPA
 from scene_twins import Friction, Resistance, Twin, Yielding, sticking
-from setups import random_rotation, restart, scene, skin_held_at
+from setups import order_of, random_rotation, restart, scene, skin_held_at, watch
 from test_determinism import assert_same_bits, everything
 from twins import Motion, Pair, composite_modulus, composite_shear_modulus
 
 import taichi_dem as dem
-from halfspace import reference
-from taichi_dem import engine
+from halfspace import backend, reference
+from taichi_dem import engine, scene_file
+from taichi_dem.forces import Coefficients
+from taichi_dem.time_step import stable_time_step
 
 GEL = dem.Material("gel", density=1000, youngs_modulus=2e5, poissons_ratio=0.4)
 STONE = dem.Material("stone", density=2000, youngs_modulus=1e6, poissons_ratio=0.25)
@@ -242,6 +244,25 @@ def test_jkr_spheres_are_pulled_off_at_the_closed_form_force(ground):
     assert abs(energy["balance_error"]) < 1e-3 * energy["dissipated"]
 
 
+def test_what_sticks_and_does_not_jump_loses_nothing():
+    """JKR spheres that swing on a soft ground, and on each other through it: what counts as lost is
+    the error of the step, second order."""
+    place = np.array([(2.6 * R * a, 2.6 * R * b, R) for a in range(3) for b in range(3)])
+    place[:, 2] -= R * np.random.default_rng(4).uniform(0.002, 0.006, len(place))
+    soil = dem.Substrate(GROUND, residual=1e-10)
+    setup = scene(place, R, GEL, law=dem.Law(dem.JKR(WORK, 1.0)), substrate=soil)
+    sim, found = dem.Simulation(setup, driver="serial"), []
+    coarse = sim.dt / 2
+    for n in (1, 2, 4):
+        restart(sim, dt=coarse / n)
+        parts = watch(sim, 400 * n, 20 * n, lambda sim: [*sim.energy().values()])
+        lost = parts[:, list(sim.energy()).index("dissipated")]
+        assert len(sim.substrate.force) == len(place)
+        found.append(np.abs(lost).max() / np.ptp(parts[:, 0]))
+    assert np.allclose(order_of(found), 2, atol=0.1)
+    assert found[-1] < 1e-3
+
+
 @pytest.mark.parametrize("ground", [False, True], ids=["wall", "ground"])
 def test_an_eepa_cycle_takes_the_area_of_its_loop(ground):
     """Between a plate and a wall or the ground (under one sphere the two are the same), also when
@@ -370,3 +391,39 @@ def test_without_the_balance_nothing_is_summed_up_and_nothing_else_changes(pairs
     missing = set(first.energy()) - set(second.energy())
     assert missing == {"dissipated", "balance_error"}
     assert not second.effects.losses and "energy_balance" in str(second.summary()["effects"])
+
+
+# -- scene files and stable steps ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_scene_file_keeps_every_law(name, tmp_path):
+    setup = scene_of_pairs(LAWS[name])
+    path = tmp_path / "scene.toml"
+    scene_file.write(path, setup, scene_file.Run(steps=3, energy_balance=False))
+    again, plan = scene_file.read(path)
+    assert again == setup and again.law == LAWS[name] and not plan.energy_balance
+
+
+def stable(law):
+    """The stable step of a sphere of gel that may meet another at 0.1 m/s, s, and its reason."""
+    backend.start()
+    setup = scene([(0, 0, 0), (3 * R, 0, 0)], R, GEL, (0.05, 0, 0), law=law)
+    tables = {slot: Coefficients(law, slot, setup.materials) for slot in law.parts()}
+    found = stable_time_step(setup, tables)
+    return found.value, found.reason
+
+
+def test_the_stable_step_sees_every_law():
+    """Stiffer unloading, adhesion, springs of rolling and strong dashpots each shorten it."""
+    plain, _ = stable(dem.Law(dem.Hertz(0.5)))
+    assert stable(dem.Law(dem.Hertz(0.5), dem.Mindlin(0.5)))[0] == plain
+    step, reason = stable(dem.Law(dem.Hertz(0.5), dem.Mindlin(0.5, damping=20.0)))
+    assert step < plain / 5 and "tangential dashpot" in reason
+    assert stable(dem.Law(dem.Hertz(0.5), dem.Mindlin(0.5, damping=40.0)))[0] == step / 2
+    hard = stable(dem.Law(dem.EEPA(0.5, 9.0)))[0]
+    assert stable(dem.Law(dem.EEPA(0.5, 1.0)))[0] / hard > 2
+    assert stable(dem.Law(dem.JKR(5.0, 0.5)))[0] < plain
+    rolls = dem.CDT(2.0, regularization="spring")
+    step, reason = stable(dem.Law(dem.Hertz(0.5), rolling=rolls))
+    assert step < plain / 2 and "rolling" in reason

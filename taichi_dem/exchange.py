@@ -317,7 +317,10 @@ class Exchange:
             drift[step] = drift[step - 1]
         drift[0] = sunk - before - solver.gain[k]
         self.ground[i].drift = drift
-        self.ground[i].stored = force * (of(sums.displacement, k) - 0.5 * of(sums.potential, k))
+        # f.(delta - c^2/(2R) - d) - E_c: where f.w - E_c would err by the residual, this does not.
+        lost = solver.overlap[k] - of(sums.displacement, k) - solver.reached(k)
+        apart = solver.overlap[k] - lost - solver.effective[k]
+        self.ground[i].stored = force * (apart - 0.5 * of(sums.potential, k))
         self.watch_neighbours(i, of(sums.nearest, k))
 
     @ti.func

@@ -295,7 +295,7 @@ def test_check_says_what_is_computed_and_writes_nothing(scene, tmp_path, capsys)
         "gel: 1050 kg/m³, Young's modulus 50 kPa, Poisson's ratio 0.49",
         "0: Plane of glass",
         "normal law: Hertz(restitution=0.6)",
-        "point coupling), solved together at every step",
+        "finite coupling), solved together at every step",
         "rotation: because friction makes torque",
         "history: of each contact: tangential_force",
         "dissipation: is summed up: friction, damping",

@@ -207,11 +207,12 @@ def test_faces_are_points_and_unit_normals_into_the_domain():
         ),
         (
             lambda: Substrate(
-                GEL, tolerance=1, coupling="finite", exchange="laged", layer=1, relaxation=2
+                GEL, tolerance=1, coupling="finit", exchange="laged", layer=1, relaxation=2
             ),
             [
                 "substrate.tolerance = 1: must be > 0 and < 1 (of the displacement)",
-                "substrate.coupling = finite: unknown choice; known: point",
+                "substrate.coupling = finit: unknown choice; did you mean 'finite'? "
+                "known: finite, point",
                 "substrate.exchange = laged: unknown choice; did you mean 'lagged'? "
                 "known: implicit, lagged, none",
                 "substrate.layer = 1: a layer is not available yet: must be None",

@@ -1,8 +1,8 @@
 """The hydrogel piston with multi-contact: its curve against LIGGGHTS', and how fast.
 
-Each packing of beads displaced by 1 um goes through the strokes; the mean curve is compared with the
-reference.  LIGGGHTS would take ten minutes for each, so the two codes race over a short way before
-full compression, from the state that ours has reached there.
+Each packing of beads displaced by 1 um goes through the strokes; the mean curve is compared with
+the reference.  LIGGGHTS would take ten minutes for each, so the two codes race over a short way
+before full compression, from the state that ours has reached there.
 """
 
 import argparse
@@ -74,7 +74,10 @@ def race(scene: dem.Scene) -> list[Figure]:
     each = {code: [1e3 * s / RACE for s in values] for code, values in seconds.items()}
     ratios = [b / a for a, b in zip(*seconds.values(), strict=True)]
     return [
-        *(Figure.median(f"{code}, a step near full compression", each[code], "ms") for code in each),
+        *(
+            Figure.median(f"{code}, a step near full compression", each[code], "ms")
+            for code in each
+        ),
         Figure.median("liggghts / ours", ratios, "", at_least=LEAST_RATIO),
     ]
 
@@ -90,9 +93,7 @@ def advanced(scene: dem.Scene) -> dem.Scene:
     spheres = dataclasses.replace(
         scene.spheres, position=now.position, velocity=now.velocity, omega=now.omega
     )
-    return dataclasses.replace(
-        scene, spheres=spheres, boundaries=(scene.boundaries[0], moving)
-    )
+    return dataclasses.replace(scene, spheres=spheres, boundaries=(scene.boundaries[0], moving))
 
 
 def timed(scene: dem.Scene) -> float:

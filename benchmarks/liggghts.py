@@ -1,9 +1,10 @@
 """A scene in the input language of LIGGGHTS 3.8, a timed run of its binary, and what it wrote.
 
 What LIGGGHTS cannot do alike is refused with ``ValueError``: other laws than Hertz with or without
-Mindlin and multi-contact (which it computes as our lagged one), slanted walls, conveyors, plates under load, a substrate that gives.  Fixed walls become
-primitive planes; walls that move become meshes, whose total forces are written.  The tangential
-dashpot is sqrt(k_t/k_n) of the normal one, whatever Mindlin's ``damping``, unless that is zero.
+Mindlin and multi-contact (which it computes as our lagged one), slanted walls, conveyors, plates
+under load, a substrate that gives.  Fixed walls become primitive planes; walls that move become
+meshes, whose total forces are written.  The tangential dashpot is sqrt(k_t/k_n) of the normal one,
+whatever Mindlin's ``damping``, unless that is zero.
 """
 
 import itertools

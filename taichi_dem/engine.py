@@ -30,7 +30,7 @@ from taichi_dem.types import ti
 from taichi_dem.views import ParticleState, contact_records
 
 CONTACTS_PER_PARTICLE = 4  # of the first list; it regrows
-PAIRS_PER_PARTICLE = 12  # of its contacts; likewise
+PAIRS_PER_PARTICLE = 60  # of its contacts; likewise
 GROWTH = 1.3
 REORDER_ABOVE = 300  # particles: fewer are close together in the cache in any order
 REORDER_EVERY = 8  # rebuilds

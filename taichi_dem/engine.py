@@ -89,7 +89,7 @@ class Engine:
         self._solve_on_host()
         self.drivers.evaluate(0.0)
         self.drivers.note_pushes()
-        self._answer()
+        self._guard()  # forces belong to their list: a new one waits for the next step
 
     @property
     def step(self) -> int:
@@ -114,7 +114,7 @@ class Engine:
             step += self._make_steps(min(last, self.skin.review) - step)
         self.drivers.evaluate(self.time_step)
         self.drivers.finish()
-        self._answer()
+        self._guard()
         self._stop_at_nonsense()
 
     def _make_steps(self, most: int) -> int:
@@ -131,6 +131,11 @@ class Engine:
 
     def _answer(self) -> None:
         """Do what the kernels called the host for."""
+        if self._guard() & 1 << STALE:
+            self.rebuild()
+
+    def _guard(self) -> int:
+        """Stop where a kernel found a reason to; what else the host was called for."""
         reasons = self.control.reasons()
         if reasons & (1 << TOO_DEEP | 1 << UNSOLVED | 1 << OVERPRESSED):
             self._stop_at_nonsense()  # which may be behind either
@@ -148,8 +153,7 @@ class Engine:
                 "a larger residual",
                 None,
             )
-        if reasons & 1 << STALE:
-            self.rebuild()
+        return reasons
 
     def _stop_at_nonsense(self) -> None:
         row = guards.first_offender(self.particles, self.time_step)

@@ -32,7 +32,7 @@ from taichi_dem.types import ti
 from taichi_dem.views import ParticleState, contact_records
 
 CONTACTS_PER_PARTICLE = 4  # of the first list; it regrows
-PAIRS_PER_PARTICLE = 12  # of its contacts; likewise
+PAIRS_PER_PARTICLE = 60  # of its contacts; likewise
 GROWTH = 1.3
 REORDER_ABOVE = 300  # particles: fewer are close together in the cache in any order
 REORDER_EVERY = 8  # rebuilds
@@ -118,7 +118,7 @@ class Engine:
         self._note_stored()
         self.drivers.evaluate(0.0)
         self.drivers.note_pushes()
-        self._answer()
+        self._guard()  # forces belong to their list: a new one waits for the next step
 
     @property
     def step(self) -> int:
@@ -143,7 +143,7 @@ class Engine:
             step += self._make_steps(min(last, self.skin.review) - step)
         self.drivers.evaluate(self.time_step)
         self.drivers.finish()
-        self._answer()
+        self._guard()
         self._stop_at_nonsense()
 
     def _make_steps(self, most: int) -> int:
@@ -171,6 +171,11 @@ class Engine:
 
     def _answer(self) -> None:
         """Do what the kernels called the host for."""
+        if self._guard() & 1 << STALE:
+            self.rebuild()
+
+    def _guard(self) -> int:
+        """Stop where a kernel found a reason to; what else the host was called for."""
         reasons = self.control.reasons()
         if reasons & (1 << TOO_DEEP | 1 << UNSOLVED | 1 << OVERPRESSED):
             self._stop_at_nonsense()  # which may be behind either
@@ -188,8 +193,7 @@ class Engine:
                 "a larger residual",
                 None,
             )
-        if reasons & 1 << STALE:
-            self.rebuild()
+        return reasons
 
     def _stop_at_nonsense(self) -> None:
         step, smallest = self.time_step, self._smallest

@@ -100,16 +100,17 @@ class ImplicitExpansions(Expansions):
             self.match(i)
         elif phase == WEIGH:
             self.weigh(i)
-        elif phase == SPREAD:
-            self.spread(i)
         elif phase == ADVANCE:
             self.advance(i)
         elif phase == STEP:
             self.make_step(i)
-        elif phase == RAISE:
-            self.raise_surfaces(i)
         elif phase == TILT:
             self.tilt(i)
+        # Once each, for what is called in several places is compiled as often.
+        if (phase == MEET) | (phase == STEP):
+            self.press(i)
+        if (phase == MATCH) | (phase == RAISE) | (phase == SPREAD):
+            self.spread(i, phase == SPREAD)
 
     @ti.func
     def meet(self, i):
@@ -130,7 +131,6 @@ class ImplicitExpansions(Expansions):
                 else:
                     self.rest(2 * p + 1)  # nobody's, after that of another contact
                 self.effective[p] = met.overlap + self.expected(p)
-                self.press(p)
                 deepest = ti.max(deepest, met.overlap)
         self.near_count[i] = number
         self.sums[i] = vec3(deepest, 0.0, 0.0)
@@ -148,23 +148,25 @@ class ImplicitExpansions(Expansions):
         return expected
 
     @ti.func
-    def press(self, p):
-        """Force and tangent at the effective overlap; motion and memory are left as they are."""
-        answer, overlap = vec2(0.0), self.effective[p]
-        if overlap > 0.0:
-            material = self.particles.spin[self.contacts.ends[p].i].material
-            history = self.contacts.history[p]
-            normal = self.normal_law.force(
-                at_rest(overlap, self.radius[p], 1.0),
-                self.normal_table[material, self.partner[p]],
-                history,
-            )
-            answer = vec2(normal.elastic, normal.stiffness)
-        self.force[p], self.tangent[p] = answer[0], answer[1]
+    def press(self, i):
+        """Force and tangent at the effective overlaps; motion and memory are left as they are."""
+        material, first = self.particles.spin[i].material, self.contacts.start[i]
+        for place in range(first, first + self.near_count[i]):
+            p = self.near[place]
+            answer, overlap = vec2(0.0), self.effective[p]
+            if overlap > 0.0:
+                history = self.contacts.history[p]
+                normal = self.normal_law.force(
+                    at_rest(overlap, self.radius[p], 1.0),
+                    self.normal_table[material, self.partner[p]],
+                    history,
+                )
+                answer = vec2(normal.elastic, normal.stiffness)
+            self.force[p], self.tangent[p] = answer[0], answer[1]
 
     @ti.func
     def match(self, i):
-        """M of the particle, and what the forces raise."""
+        """M of the particle."""
         number, base = self.gather(i), self.contacts.incidence_start[i]
         k, at = self.bulk(i), self.first_pair[i]
         for a in range(base, base + number):
@@ -180,30 +182,34 @@ class ImplicitExpansions(Expansions):
                     influence = -curvature * self.law.shape(k, s)[0]
                 self.influence[at] = influence
                 at += 1
-        self.raise_surfaces(i)
 
     @ti.func
-    def raise_surfaces(self, i):
-        """rise = M force."""
-        base = self.contacts.incidence_start[i]
-        for a in range(base, base + self.count[i]):
-            self.load[a] = self.force[self.entry[a] >> 1]
-        self.apply(i)
-
-    @ti.func
-    def apply(self, i):
-        """rise = M load."""
+    def spread(self, i, direction):
+        """rise = M force, or M K of the next ``direction``, of whose curvature the particle then
+        adds its part."""
         base, at = self.contacts.incidence_start[i], self.first_pair[i]
         for a in range(base, base + self.count[i]):
-            load, own = self.load[a], 0.0
+            p = self.entry[a] >> 1
+            load, own = self.force[p], 0.0
+            if direction:
+                load = self.tangent[p] * self.next_direction(p)
+            self.load[a] = load
             for b in range(base, a):
                 influence = self.influence[at]
                 own += influence * self.load[b]
                 self.answer[b] += influence * load
                 at += 1
             self.answer[a] = own
+        curvature = 0.0
         for a in range(base, base + self.count[i]):
             self.rise[self.entry[a]] = self.answer[a]
+            curvature -= self.load[a] * self.answer[a]
+        if direction:
+            first = self.contacts.start[i]
+            for place in range(first, first + self.near_count[i]):
+                p = self.near[place]
+                curvature += self.tangent[p] * self.next_direction(p) ** 2
+        self.sums[i] = vec3(0.0, curvature, 0.0)
 
     @ti.func
     def risen(self, p):
@@ -226,22 +232,6 @@ class ImplicitExpansions(Expansions):
             product += self.tangent[p] * defect * defect
             self.remainder[p], self.direction[p], self.step[p] = -defect, 0.0, 0.0
         self.sums[i] = vec3(error, product, 0.0)
-
-    @ti.func
-    def spread(self, i):
-        """rise = M K of the next direction; what of the curvature belongs to the particle."""
-        curvature, first = 0.0, self.contacts.start[i]
-        for place in range(first, first + self.near_count[i]):
-            p = self.near[place]
-            curvature += self.tangent[p] * self.next_direction(p) ** 2
-        base = self.contacts.incidence_start[i]
-        for a in range(base, base + self.count[i]):
-            p = self.entry[a] >> 1
-            self.load[a] = self.tangent[p] * self.next_direction(p)
-        self.apply(i)
-        for a in range(base, base + self.count[i]):
-            curvature -= self.load[a] * self.answer[a]
-        self.sums[i] = vec3(0.0, curvature, 0.0)
 
     @ti.func
     def next_direction(self, p):
@@ -273,7 +263,6 @@ class ImplicitExpansions(Expansions):
                 step += self.remainder[p]
             most = ti.max(self.effective[p], self.overlap[p]) + self.scale[None]
             self.effective[p] = ti.min(self.effective[p] + self.share[None] * step, most)
-            self.press(p)
 
     @ti.func
     def lateral_force(self, p):

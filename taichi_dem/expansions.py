@@ -13,8 +13,8 @@ from taichi_dem.control import STALE, Control
 from taichi_dem.geometry import Geometry
 from taichi_dem.types import real, ti, vec3
 
-SPARE = 1.5  # reach by the largest expansions that met across a gap
-USED = 0.8  # of the reach: beyond, the list is made anew, with more
+SPARE = 1.2  # reach by the largest expansions that occurred
+USED = 0.9  # of the reach: beyond, the list is made anew, with more
 LEAST_REACH = 0.02  # of the skin
 
 
@@ -22,7 +22,7 @@ LEAST_REACH = 0.02  # of the skin
 class Expansions:
     """Fields of the contacts on one list; ``law`` is a ``MultiContact``.
 
-    largest            m, sum of the expansions on both sides of a gap, since the last list
+    largest            m, sum of the sizes of both expansions of a contact, since the last list
     overlap, normal    of each contact, over undeformed surfaces; -inf beyond reach
     count              contacts within reach of each particle, its places from incidence_start on
     entry, inward, depth, curvature, least  of each place: its entry, the unit vector from the
@@ -132,12 +132,13 @@ class Expansions:
         return self.table[material, material]
 
     @ti.func
-    def watch(self, p, expansion):
-        """Have the list made anew before the sum of expansions closes a gap that is not on it."""
-        if self.overlap[p] < 0.0:
-            ti.atomic_max(self.largest[None], expansion)
-            if not (expansion < USED * self.control.reach[None]):
-                self.control.raise_flag(STALE)
+    def watch(self, expansion):
+        """Have the list made anew before the expansions of a contact close a gap that is not on
+        it.  (Where there is a gap they are no larger than where others press.)"""
+        both = ti.abs(expansion[0]) + ti.abs(expansion[1])
+        ti.atomic_max(self.largest[None], both)
+        if not (both < USED * self.control.reach[None]):
+            self.control.raise_flag(STALE)
 
     @ti.func
     def update(self, i):

@@ -99,7 +99,7 @@ class Forces:
             if self.expansions.note(p, met):
                 expansion = self.expansions.of(p)
                 overlap += expansion[0] + expansion[1]
-                self.expansions.watch(p, expansion[0] + expansion[1])
+                self.expansions.watch(expansion)
 
         if overlap > 0.0 or touched:
             arm = self.particles.body[i].radius - 0.5 * overlap

@@ -107,22 +107,6 @@ def test_force_is_the_slope_of_the_energy(pressed):
 # -- closed forms ----------------------------------------------------------------------------------
 
 
-def test_two_contacts_at_right_angles():
-    """The value that the literature's formula gives, iterated to consistency."""
-    place = np.array([(0, 0, 0), (2 * R - 2e-4, 0, 0), (0, 2 * R - 2e-4, 0)])
-    sim = dem.Simulation(
-        scene(place, R, BEAD, law=with_surface(dem.MultiContact(residual=TIGHT))), dt=STILL
-    )
-    found = sim.contacts()
-    np.testing.assert_allclose(found["normal_force"], 0.0104518732503, rtol=1e-11)
-    assert np.count_nonzero(found["expansion"]) == 2  # the outer spheres have one contact each
-    # What tilts and deepens is small, and no torque: three forces whose moments cancel.
-    force = sim.particles.force
-    assert np.abs(force.sum(axis=0)).max() < 10 * EPS * np.abs(force).max()
-    moment = np.cross(place, force).sum(axis=0)
-    assert np.abs(moment).max() < 20 * EPS * np.abs(force).max() * R
-
-
 def walls_closing(speed, nu=0.5, **surface):
     """A sphere that just touches six rigid planes, which close in on it."""
     bead = dem.Material("soft", 1000, 1e5, nu)
@@ -250,25 +234,25 @@ def test_momenta_are_conserved(bursting):
 def squeezed(request):
     """A sphere between two others that hold it, and a fourth beside it that does not touch."""
     place = np.array([(0, 0, 0), (1.94 * R, 0, 0), (-1.94 * R, 0, 0), (0, 2.0008 * R, 0)])
-    law = with_surface(dem.MultiContact(exchange=request.param))
+    law = with_surface(dem.MultiContact(exchange=request.param, residual=TIGHT))
     return dem.Simulation(scene(place, R, BEAD, law=law), dt=STILL)
 
 
 def test_a_contact_made_by_expansion_alone_is_found(squeezed):
     """It is further off than the list would reach without expansions."""
     with skin_held_at(squeezed, 1e-5 * R):
-        restart(squeezed).run(steps=20)
+        restart(squeezed).run(steps=60)
         found = squeezed.contacts()
     last = found[(found["i"] == 3) | (found["j"] == 3)]
     assert len(found) == 3 and len(last) == 1
     assert last["overlap"] > 0 and last["normal_force"] > 0
-    assert last["expansion"].sum() == pytest.approx(last["overlap"][0] + 8e-4 * R, rel=1e-4)
+    assert last["expansion"].sum() == pytest.approx(last["overlap"][0] + 8e-4 * R, rel=1e-3)
     assert last["expansion"].min() == 0  # of the sphere that nothing else presses
 
 
 def test_what_opens_is_forgotten(squeezed):
     """After the squeeze has ended and begun again, everything is as for the first time."""
-    restart(squeezed).run(steps=20)
+    restart(squeezed).run(steps=60)
     first = squeezed.contacts()
     apart = squeezed.scene.spheres.position * 1.1
     engine = squeezed._engine
@@ -278,61 +262,77 @@ def test_what_opens_is_forgotten(squeezed):
     history = engine.contacts.history.to_numpy()
     assert all(not np.any(history[name]) for name in history)
     engine.particles.write(squeezed.scene.spheres.position, 0 * apart, 0 * apart)
-    squeezed.run(steps=20)
+    squeezed.run(steps=60)
     again = squeezed.contacts()
     for name in ("normal_force", "expansion", "overlap"):
         np.testing.assert_allclose(again[name], first[name], rtol=1e-9)
 
 
-def test_a_single_contact_is_plain():
-    place = np.array([(0.0, 0, 0), (1.95 * R, 0, 0)])
-    plain = dem.Simulation(scene(place, R, BEAD, law=dem.Law(dem.Hertz(0.7))))
-    for exchange in ("implicit", "lagged"):
-        law = with_surface(dem.MultiContact(exchange=exchange), dem.Hertz(0.7))
-        sim = dem.Simulation(scene(place, R, BEAD, law=law))
-        for one in (plain, sim):
-            restart(one).run(steps=200)
-        assert np.array_equal(sim.particles.position, plain.particles.position)
+def test_two_contacts_at_right_angles(squeezed):
+    """The force that the literature's formula gives, iterated to consistency."""
+    place = np.array([(0, 0, 0), (2 * R - 2e-4, 0, 0), (0, 2 * R - 2e-4, 0), (9 * R, 0, 0)])
+    restart(squeezed, place).run(steps=60)
+    found = squeezed.contacts()
+    np.testing.assert_allclose(found["normal_force"], 0.0104518732503, rtol=1e-11)
+    assert np.count_nonzero(found["expansion"]) == 2  # the outer spheres have one contact each
+    # The forces that belong to the change of M make no moment: each acts between two centres ...
+    force = squeezed.particles.force
+    assert np.abs(force.sum(axis=0)).max() < 10 * EPS * np.abs(force).max()
+    moment = np.cross(place, force).sum(axis=0)  # ... and turning all changes nothing
+    assert np.abs(moment).max() < 1e-9 * np.abs(force).max() * R
+
+
+def test_a_single_contact_is_plain_hertz(squeezed):
+    place = np.array([(0, 0, 0), (1.95 * R, 0, 0), (9 * R, 0, 0), (0, 9 * R, 0)])
+    restart(squeezed, place)
+    (found,) = squeezed.contacts()
+    stiffness = 4 / 3 * BEAD.youngs_modulus / (2 * (1 - BEAD.poissons_ratio**2)) * np.sqrt(R / 2)
+    assert not found["expansion"].any()
+    assert found["normal_force"] == pytest.approx(stiffness * (0.05 * R) ** 1.5, rel=1e-12)
+    assert np.linalg.norm(found["force"]) == pytest.approx(found["normal_force"], rel=1e-14)
 
 
 # -- drivers ---------------------------------------------------------------------------------------
 
 
-def falling(exchange, normal):
-    """Soft spheres that fall in a heap, in a box with a lid that comes down, rubbing."""
+def heap(law):
+    """Soft spheres pressed together in a box by a piston, spinning and rubbing."""
     rng = np.random.default_rng(8)
-    grid = np.stack(np.meshgrid(*3 * [range(4)], indexing="ij"), axis=-1).reshape(-1, 3)
-    place = (grid + [0.55, 0.55, 0.55]) * 2.02 * R + rng.uniform(-0.01, 0.01, grid.shape) * R
-    side = 8.2 * R
+    grid = np.stack(np.meshgrid(*3 * [range(3)], indexing="ij"), axis=-1).reshape(-1, 3)
+    place = (grid + 0.5) * 1.95 * R + rng.uniform(-0.01, 0.01, grid.shape) * R
+    side = 5.85 * R
     return scene(
         place,
-        R * rng.uniform(0.85, 1, len(place)),
+        R * rng.uniform(0.95, 1, len(place)),
         BEAD,
         gravity=(0, 0, -9.81),
         omega=5 * rng.normal(size=place.shape),
-        law=with_surface(dem.MultiContact(exchange=exchange), normal, dem.Mindlin(0.3)),
+        law=law,
         boundaries=[
             dem.Box((0, 0, 0), (side, side, np.inf), BEAD),
-            dem.Piston((0, 0, 8.3 * R), (0, 0, -1), BEAD, velocity=0.3),
+            dem.Piston((0, 0, side), (0, 0, -1), BEAD, velocity=0.1),
         ],
     )
 
 
-@pytest.mark.parametrize("exchange", ["implicit", "lagged"])
-@pytest.mark.parametrize("normal", [dem.Hertz(0.7), dem.Hooke(50.0, 0.7)], ids=["Hertz", "Hooke"])
+@pytest.mark.parametrize(
+    ("exchange", "normal"),
+    [("implicit", dem.Hertz(0.7)), ("lagged", dem.Hooke(50.0, 0.7))],
+    ids=["implicit, Hertz", "lagged, Hooke"],
+)
 def test_the_drivers_give_the_same_bits(exchange, normal):
-    seen, expansion = set(), 0.0
+    law = with_surface(dem.MultiContact(exchange=exchange), normal, dem.Mindlin(0.3))
+    seen = set()
     for driver in ("serial", "team", "parallel"):
-        sim = dem.Simulation(falling(exchange, normal), dt=5e-5, driver=driver)
-        sim.run(steps=300)
+        sim = dem.Simulation(heap(law), dt=5e-5, driver=driver)
+        sim.run(steps=200)
         found = sim.contacts()
         whole = hashlib.sha256(sim.particles.position.tobytes())
         for name in found.dtype.names:
             whole.update(np.ascontiguousarray(found[name]).tobytes())
         seen.add(whole.hexdigest())
-        expansion = np.abs(found["expansion"]).max()
     assert len(seen) == 1
-    assert len(found) > 100 and expansion > 1e-3 * R
+    assert len(found) > 60 and np.abs(found["expansion"]).max() > 1e-3 * R
 
 
 # -- refusals --------------------------------------------------------------------------------------

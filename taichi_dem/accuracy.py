@@ -68,9 +68,9 @@ def statistics(run: Record) -> dict[str, float]:
     the last part of the run."""
     late = run.contact[:, 0] >= (1 - LATE) * run.samples
     count = 1 + run.samples - int(np.ceil((1 - LATE) * run.samples))
-    centre = run.position[-1].mean(axis=0) - run.position[0].mean(axis=0)
+    around = run.position[-1] - run.position[-1].mean(axis=0)
     found = {
-        "centre of mass": float(np.linalg.norm(centre)),
+        "radius of gyration": float(np.sqrt(np.square(around).sum(axis=1).mean())),
         "contact force": float(np.linalg.norm(run.force[late], axis=1).sum()) / count,
         "energy turned over": float(run.turnover[-1]),
         "piston force": float(np.sqrt(np.square(run.push).sum(axis=(1, 2)).mean())),

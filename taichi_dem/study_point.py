@@ -20,7 +20,13 @@ MEASURES = (
     "piston force",
     "rebound",
 )
-STATISTICS = ("centre of mass", "contact force", "energy turned over", "depression", "piston force")
+STATISTICS = (
+    "radius of gyration",
+    "contact force",
+    "energy turned over",
+    "depression",
+    "piston force",
+)
 COLUMNS = (
     "knob",
     *(field.name for field in dataclasses.fields(Settings)),

@@ -16,11 +16,11 @@ from taichi_dem import plot, style
 
 RADIUS = 50e-6  # m
 SIDE, HEIGHT = 16 * RADIUS, 18 * RADIUS  # of the die, and of the piston at the start
-WAY = 0.3 * HEIGHT  # of the piston down, measured from there
+WAY = 0.42 * HEIGHT  # of the piston down, measured from there
 NAME = "powder_compaction"
 
 
-def scene(grains: int = 500, speed: float = 0.05) -> dem.Scene:
+def scene(grains: int = 350, speed: float = 0.05) -> dem.Scene:
     """Grains in a die on an elastic ground; the piston goes down by ``WAY`` and half of it up."""
     powder = dem.Material("powder", density=1500, youngs_modulus=2e7, poissons_ratio=0.3)
     rubber = dem.Material("rubber", density=1100, youngs_modulus=2e7, poissons_ratio=0.45)
@@ -80,7 +80,7 @@ def draw(rows: list[tuple[float, float]], folder: Path) -> Path:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path(f"out/{NAME}"))
-    parser.add_argument("--grains", type=int, default=500)
+    parser.add_argument("--grains", type=int, default=350)
     parser.add_argument("--speed", type=float, default=0.05, help="of the piston, m/s")
     parser.add_argument("--duration", type=float, help="s; all of the program unless given")
     asked = parser.parse_args()

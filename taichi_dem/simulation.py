@@ -33,8 +33,8 @@ WARNINGS = {
     "substrate is taken as quasi-static, and waves that carry energy away are left out",
     "wide_contacts": "a contact with the substrate is wider than 0.3 of its sphere's radius: "
     "strains are not small",
-    "close_points": 'contacts with the substrate are closer than 6 of their radii: coupling="point" '
-    'neglects their size, coupling="finite" does not',
+    "close_points": "contacts with the substrate are closer than 6 of their radii: "
+    'coupling="point" neglects their size, coupling="finite" does not',
 }
 
 

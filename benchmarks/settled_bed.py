@@ -1,7 +1,8 @@
 """Speed on a settled bed, against LIGGGHTS and LAMMPS on the same spheres.
 
 Ours and theirs run in turns, several times; the figures are medians, and the ratios are those of
-the turns.  Peers run with the best of a few skins.  The contacts and the kinetic energy that each
+the turns.  Peers run with the best of a few skins, and ours without the sums of what is lost, which
+they do not have (``--energy-balance`` makes them).  The contacts and the kinetic energy that each
 code ends with say whether they computed the same bed.
 """
 
@@ -32,6 +33,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, default=3.0, help="length of a turn")
     parser.add_argument("--patience", type=float, default=60.0, help="s to wait for a quiet turn")
     parser.add_argument("--warm-up", type=int, default=1000, help="untimed steps, at most")
+    parser.add_argument("--energy-balance", action="store_true", help="sum up what is lost")
     parser.add_argument("--driver", choices=["auto", "serial", "team", "parallel"], default="auto")
 
 
@@ -43,7 +45,7 @@ def run(options: argparse.Namespace) -> list[Figure]:
 def _one_size(count: int, options: argparse.Namespace) -> list[Figure]:
     bed = beds.settled(count)
     warm_up = min(options.warm_up, max(1, int(WARM_UP / count)))
-    here = _Ours(bed, warm_up, options.driver)
+    here = _Ours(bed, warm_up, options)
     others = [_Peer(code, bed, warm_up, options) for code in options.peers if peers.available(code)]
     codes: list[_Ours | _Peer] = [here, *others]
     for code in codes:
@@ -92,9 +94,14 @@ class _Ours:
 
     name = "ours"
 
-    def __init__(self, bed: beds.Bed, warm_up: int, driver: str):
+    def __init__(self, bed: beds.Bed, warm_up: int, options: argparse.Namespace):
         self.count = bed.count
-        self.simulation = dem.Simulation(beds.scene(bed), dt=beds.TIME_STEP, driver=driver)
+        self.simulation = dem.Simulation(
+            beds.scene(bed),
+            dt=beds.TIME_STEP,
+            driver=options.driver,
+            energy_balance=options.energy_balance,
+        )
         self.simulation.run(steps=warm_up)
         self.last = GUESS
 

@@ -149,8 +149,9 @@ class Exchange:
         return number
 
     def forget(self) -> None:
-        """Start without a past, as for a state that no step has led to."""
+        """Start without a past, as for a state that no step has led to; to be enrolled anew."""
         self.ground.fill(0)
+        self.enrolled.fill(-1)
 
     def counts(self) -> dict[str, int]:
         """How often so far the half-space's assumptions did not hold: impacts too fast, contacts

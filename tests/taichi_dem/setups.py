@@ -51,7 +51,7 @@ def restart(sim, position=None, velocity=0.0, omega=0.0, dt=None):
     materials = sim.scene.materials
     engine.boundaries.fill({material: index for index, material in enumerate(materials)})
     if engine.exchange is not None:
-        engine.exchange.ground.fill(0)
+        engine.exchange.forget()
     sim.steps = control.step[None] = 0
     control.flags.fill(0)
     engine.skin._built_at = 0

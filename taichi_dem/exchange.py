@@ -165,8 +165,9 @@ class Exchange:
         return number
 
     def forget(self) -> None:
-        """Start without a past, as for a state that no step has led to."""
+        """Start without a past, as for a state that no step has led to; to be enrolled anew."""
         self.ground.fill(0)
+        self.enrolled.fill(-1)
 
     def restart(self) -> None:
         """:meth:`forget`, and count from zero again."""

@@ -79,6 +79,7 @@ def write(
     for k, boundary in _moving(scene):
         write_mesh(folder / f"boundary{k}.stl", boundary, low, high)
         lines += _mesh(k, scene.materials.index(boundary.material) + 1, _model(scene), sampling)
+    lines += _surface(scene)
     lines += ["fix motion all nve/sphere", f"thermo {steps}", "thermo_modify lost error"]
     lines += _runs(scene, dt, steps)
     (folder / SCRIPT).write_text("\n".join(lines) + "\n")
@@ -127,7 +128,9 @@ def run(script: Path) -> Timing:
     """Run a script in its folder as one process; RuntimeError with its last words if it fails."""
     command = [BINARY, "-in", script.name, "-log", LOG]  # "-screen none" breaks reading meshes
     start, before = time.perf_counter(), os.times()
-    done = subprocess.run(command, cwd=script.parent, capture_output=True, text=True)
+    done = subprocess.run(
+        command, cwd=script.parent, capture_output=True, text=True, errors="replace"
+    )
     wall, after = time.perf_counter() - start, os.times()
     if done.returncode:
         raise RuntimeError(f"{BINARY} failed:\n{done.stdout[-1000:]}{done.stderr[-1000:]}")
@@ -186,11 +189,16 @@ def _laws(scene: dem.Scene) -> list[str]:
     if law.tangential is not None:
         friction = [law.between("tangential", *pair).friction for pair in pairs]
         lines.append(each("coefficientFriction", square, friction))
-    lines += [f"pair_style gran {model}", "pair_coeff * *"]
-    if law.surface is not None:
-        prefactor = f"geometric_prefactor {_exact(law.surface.prefactor)}"
-        lines.append(f"fix spread all multicontact/halfspace {prefactor}")
-    return lines
+    return [*lines, f"pair_style gran {model}", "pair_coeff * *"]
+
+
+def _surface(scene: dem.Scene) -> list[str]:
+    """Multi-contact; it looks for the walls that stand before it."""
+    surface = scene.law.surface
+    if surface is None:
+        return []
+    prefactor = f"geometric_prefactor {_exact(surface.prefactor)}"
+    return [f"fix spread all multicontact/halfspace {prefactor}"]
 
 
 def _gravity(scene: dem.Scene) -> list[str]:

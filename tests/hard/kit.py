@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+import pytest
 
 import taichi_dem as dem
 from tests.taichi_dem.setups import EPS
@@ -51,8 +52,9 @@ class Setting:
 
 @dataclass(frozen=True)
 class Case:
-    """``run(setting)`` yields the figures."""
+    """``run(setting)`` yields the figures; ``kind`` is the module that it stands in."""
 
+    kind: str
     name: str
     run: Callable[[Setting], Iterable[Figure]]
     settings: tuple[Setting, ...]
@@ -70,11 +72,12 @@ def hard(name: str, *values, exchanges: tuple[str | None, ...] = (None,), driver
     """Register a case, or one for each of ``values``, which ``name`` and the function then take."""
 
     def register(run):
+        kind = run.__module__.rpartition(".")[2]
         settings = tuple(Setting(*both) for both in product(drivers, exchanges))
         if not values:
-            CASES.append(Case(name, run, settings))
+            CASES.append(Case(kind, name, run, settings))
         for value in values:
-            CASES.append(Case(name.format(value), _with(run, value), settings))
+            CASES.append(Case(kind, name.format(value), _with(run, value), settings))
         return run
 
     return register
@@ -82,6 +85,32 @@ def hard(name: str, *values, exchanges: tuple[str | None, ...] = (None,), driver
 
 def _with(run, value):
     return lambda setting: run(setting, value)
+
+
+def settings_of(kind: str):
+    """The cases of a kind for a test: the first setting of each every time, the others if slow
+    ones are asked for."""
+    return pytest.mark.parametrize(
+        ("case", "setting"),
+        [
+            pytest.param(
+                case,
+                setting,
+                id=f"{case.name} [{setting}]",
+                marks=[pytest.mark.slow] if setting != case.settings[0] else [],
+            )
+            for case in CASES
+            if case.kind == kind
+            for setting in case.settings
+        ],
+    )
+
+
+def assert_holds(case: Case, setting: Setting) -> None:
+    """That every figure is within its bound."""
+    figures = case.figures(setting)
+    assert figures
+    assert not [f"{f.what}: {f.value:.3g} > {f.bound:.3g}" for f in figures if not f.holds]
 
 
 # -- figures that many cases share -----------------------------------------------------------------

@@ -15,15 +15,9 @@ PACKAGES = ("taichi_dem", "halfspace")
 LAYERS = {
     "scene": "validation material shapes packing sphere_files spheres scene time_step "
     "writing tables toml_text scene_file",
-<<<<<<< HEAD
     "kernels": "types control particles effects contact_list grid neighbors boundaries geometry "
-    "expansions expansion_newton forces pair_sums coupling exchange hosted integrate meeting "
+    "expansions reciprocal expansion_newton forces pair_sums coupling exchange hosted integrate meeting "
     "drivers energy guards views pace engine",
-=======
-    "kernels": "types control particles contact_list grid neighbors boundaries geometry "
-    "expansions reciprocal expansion_newton forces coupling exchange integrate meeting drivers "
-    "energy guards views pace engine",
->>>>>>> multicontact
     "simulation": "schedule simulation",
     "outputs": "style wording snapshot frames progress output bed dents plot",
     "tools": "folder run memory check settings record accuracy orders closed_form worker workers "

@@ -43,6 +43,11 @@ class CoupledSolve:
     lets go, m), a guess shift_x, shift_y of c (m), and from the last step force (N) and base, the d
     that the surface would leave if the forces stayed the same (m).  Come back force, effective and
     shifts; gain (m), what the matrix made of the change of forces; and what the sums give.
+
+    A contact is live if it is not a gap already over the undeformed surface, which forces that
+    press can but widen.  The others are told what the surface does, and nothing else: so no bit
+    depends on how many gaps there are.  The matrix knows live contacts where they were when they
+    became it, or had moved on too far (``anchored``, and old places of the sums).
     """
 
     def __init__(
@@ -59,6 +64,8 @@ class CoupledSolve:
         for name in "phase tries rounds steps stale".split():
             setattr(self, name, ti.field(ti.i32))
             builder.place(getattr(self, name))
+        self.live, self.anchored = ti.field(ti.i32), ti.field(ti.i32)
+        builder.dense(ti.i, capacity).place(self.live, self.anchored)
         for name in "residual goal scale error model_goal model_error product length".split():
             setattr(self, name, ti.field(real))
             builder.place(getattr(self, name))
@@ -153,11 +160,15 @@ class CoupledSolve:
                 scale = ti.max(scale, -self.opening[k])
             self.known[k], self.gain[k] = self.force[k], 0.0
             self.place(k)
+            live = self.overlap[k] > self.opening[k] or self.force[k] != 0.0
+            self.live[k] = ti.cast(live, ti.i32)
+            if not live:
+                self.effective[k], self.defect[k] = self.overlap[k], 0.0
         self.scale[None], self.goal[None] = scale, self.residual[None] * scale
         self.tries[None], self.error[None] = 0, math.inf
         if ti.static(not self.lagged):
             for k in range(self.count[None]):
-                self.keep_up(k, False)
+                self.keep_up(k, self.anchored[k] == 0)
             self.begin_model(0.0)
 
     # -- evaluations -----------------------------------------------------------------------------
@@ -204,15 +215,15 @@ class CoupledSolve:
 
     @ti.func
     def miss(self, k, reached):
-        """Note the defect of contact ``k``; returns how much of it counts."""
-        if self.effective[k] <= self.opening[k] and reached <= self.opening[k]:
-            self.effective[k] = reached  # open, and stays open: solved outright
-        self.defect[k] = self.effective[k] - reached
-        error = ti.abs(
-            ti.max(self.effective[k], self.opening[k]) - ti.max(reached, self.opening[k])
-        )
-        if not (ti.abs(self.defect[k]) < math.inf):  # not-a-number must not pass for solved
-            error = math.inf
+        """Note the defect of a live contact; returns how much of it counts."""
+        error, opening = 0.0, self.opening[k]
+        if self.live[k] != 0:
+            if self.effective[k] <= opening and reached <= opening:
+                self.effective[k] = reached  # open, and stays open: solved outright
+            self.defect[k] = self.effective[k] - reached
+            error = ti.abs(ti.max(self.effective[k], opening) - ti.max(reached, opening))
+            if not (ti.abs(self.defect[k]) < math.inf):  # not-a-number must not pass for solved
+                error = math.inf
         return error
 
     @ti.func
@@ -248,16 +259,13 @@ class CoupledSolve:
 
     @ti.func
     def keep_up(self, k, at_once):
-        """The matrix is to be for contact ``k`` as it is now, if it has moved or grown too far."""
+        """The matrix is to be for a live contact as it is now, if it has moved or grown too far."""
         sums = self.sums
         dx, dy = sums.x[k] - sums.old_x[k], sums.y[k] - sums.old_y[k]
         square = self.radius[k] * self.radius[k]
-        if (
-            at_once
-            or sums.moved[k] != 0
-            or dx * dx + dy * dy > MOVED * MOVED * square
-            or ti.abs(sums.square[k] - sums.old_square[k]) > GROWN * square
-        ):
+        far = dx * dx + dy * dy > MOVED * MOVED * square
+        grown = ti.abs(sums.square[k] - sums.old_square[k]) > GROWN * square
+        if self.live[k] != 0 and (at_once or far or grown):
             sums.old_x[k], sums.old_y[k] = sums.x[k], sums.y[k]
             sums.old_square[k], sums.moved[k] = sums.square[k], 1
             self.stale[None] = 1
@@ -282,7 +290,8 @@ class CoupledSolve:
             base -= 0.5 * (x * x + y * y) / self.radius[k]
             self.shift_x[k], self.shift_y[k] = x, y
         self.base[k], self.known[k] = base, self.force[k]
-        self.defect[k] = self.effective[k] - base
+        if self.live[k] != 0:
+            self.defect[k] = self.effective[k] - base
 
     @ti.func
     def begin_model(self, goal):
@@ -333,7 +342,9 @@ class CoupledSolve:
         curvature, before = 0.0, self.product[None]
         self.applications[None] += 1
         for k in range(self.count[None]):
-            self.image[k] = of(self.sums.image, k) + self.direction[k]
+            self.image[k] = 0.0
+            if self.live[k] != 0:
+                self.image[k] = of(self.sums.image, k) + self.direction[k]
             curvature += self.loaded[k] * self.image[k]
         product, left = 0.0, 0.0
         if curvature > 0.0:  # or contacts are closer than their size: keep what there is

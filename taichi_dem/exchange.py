@@ -48,8 +48,11 @@ def ground_type(finite: bool) -> Any:
         stored=real,  # in the surface, on account of this contact, J
         past=past_values,  # displacements of the last steps, latest first, m
         drift=past_drifts,  # what of their changes the solve's matrix does not explain, m
+        drifts=ti.i32,  # how many of those there are
         **slopes,
         age=ti.i32,  # how many of them there are
+        anchor=vec3,  # x, y (m) and squared contact radius (m2) that the solve's matrix is for
+        anchored=ti.i32,
         touched=ti.i32,
     )
 
@@ -161,6 +164,7 @@ class Exchange:
         if others != 0:
             for k in range(count):
                 self.solver.sums.moved[k] = 1
+            self.solver.stale[None] = 1
         self.solver.count[None] = count
         return number
 
@@ -295,11 +299,14 @@ class Exchange:
     def tell(self, k, i):
         """Where particle ``i`` is now, and what its past lets expect."""
         solver, body, ground = self.solver, self.particles.body[i], self.ground[i]
+        sums, anchor = solver.sums, ground.anchor
+        sums.old_x[k], sums.old_y[k], sums.old_square[k] = anchor[0], anchor[1], anchor[2]
+        solver.anchored[k] = ground.anchored
         solver.home_x[k], solver.home_y[k] = body.position[0], body.position[1]
         solver.radius[k], solver.overlap[k] = body.radius, body.radius - body.position[2]
         solver.force[k] = ground.force
         solver.effective[k] = solver.overlap[k] - self.expected(i)
-        drift = _extrapolated(ground.drift, ti.min(ground.age - 1, DRIFTS))
+        drift = _extrapolated(ground.drift, ground.drifts)
         solver.base[k] = solver.overlap[k] - ground.past[0] - drift
         if ti.static(self.finite):
             solver.size[k] = self.size(i)
@@ -312,16 +319,24 @@ class Exchange:
         solver, sums, before = self.solver, self.solver.sums, self.ground[i].past[0]
         slope, force = vec2(of(sums.slope_x, k), of(sums.slope_y, k)), solver.force[k]
         sunk = solver.overlap[k] - solver.reached(k)  # by the sums, to rounding
+        if solver.live[k] == 0:
+            solver.effective[k] = solver.overlap[k] - sunk
         self.receive(i, solver.effective[k] - solver.overlap[k], sunk, force, slope)
-        drift = self.ground[i].drift
-        for step in ti.static(range(DRIFTS - 1, 0, -1)):
-            drift[step] = drift[step - 1]
-        drift[0] = sunk - before - solver.gain[k]
-        self.ground[i].drift = drift
+        ground = self.ground[i]
+        if solver.live[k] != 0 and ground.age > 1:
+            for step in ti.static(range(DRIFTS - 1, 0, -1)):
+                ground.drift[step] = ground.drift[step - 1]
+            ground.drift[0] = sunk - before - solver.gain[k]
+            ground.drifts = ti.min(ground.drifts + 1, DRIFTS)
+        else:
+            ground.drifts = 0
+        ground.anchor = vec3(sums.old_x[k], sums.old_y[k], sums.old_square[k])
+        ground.anchored = solver.live[k]
         # f.(delta - c^2/(2R) - d) - E_c: where f.w - E_c would err by the residual, this does not.
         lost = solver.overlap[k] - of(sums.displacement, k) - solver.reached(k)
         apart = solver.overlap[k] - lost - solver.effective[k]
-        self.ground[i].stored = force * (apart - 0.5 * of(sums.potential, k))
+        ground.stored = force * (apart - 0.5 * of(sums.potential, k))
+        self.ground[i] = ground
         self.watch_neighbours(i, of(sums.nearest, k))
 
     @ti.func

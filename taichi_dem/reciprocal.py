@@ -11,7 +11,9 @@ from taichi_dem.types import real, ti, vec3
 class ReciprocalExpansions(Expansions):
     """As ``Expansions``, with room for ``pairs`` of contacts.
 
-    influence   M of each particle, one triangle after the other; those of i from first_pair[i] on
+    influence, turning  M of each particle, one triangle after the other, and its derivative by the
+                cosine, 0 where the distance is cut off; those of i from first_pair[i] on
+    turned, deeper, wider  of each place, sums over the others of the sphere: force derivatives
     separation  of each contact: distance of the centres (m), infinite to a wall
     force       of each contact: elastic, N
     rise        of each entry, m: what the body's surface rises by
@@ -30,8 +32,14 @@ class ReciprocalExpansions(Expansions):
         self.rise, self.pull = ti.field(real), ti.Vector.field(3, real)
         for field in (self.rise, self.pull):
             builder.dense(ti.i, 2 * capacity).place(field)
-        self.influence, self.first_pair = ti.field(real), ti.field(ti.i32)
-        builder.dense(ti.i, self.pairs).place(self.influence)
+        self.turned, self.deeper = ti.Vector.field(3, real), ti.field(real)
+        self.wider = ti.field(real)
+        for field in (self.turned, self.deeper, self.wider):
+            builder.dense(ti.i, 2 * capacity).place(field)
+        self.influence, self.turning = ti.field(real), ti.field(real)
+        for field in (self.influence, self.turning):
+            builder.dense(ti.i, self.pairs).place(field)
+        self.first_pair = ti.field(ti.i32)
         builder.dense(ti.i, particles).place(self.first_pair)
 
     def enrol(self) -> int:
@@ -51,21 +59,20 @@ class ReciprocalExpansions(Expansions):
 
     @ti.func
     def match(self, i):
-        """M of the particle."""
+        """M of the particle, and its derivative by the cosine of the angle between two contacts."""
         number, base = self.gather(i), self.contacts.incidence_start[i]
         k, at = self.bulk(i), self.first_pair[i]
         for a in range(base, base + number):
+            inward, inverse, wide = self.inward[a], self.curvature[a], self.least[a]
             for b in range(base, a):
-                curvature = 0.5 * (self.curvature[a] + self.curvature[b])
-                s = self.law.half_sine(
-                    self.inward[a].dot(self.inward[b]),
-                    curvature,
-                    ti.max(self.least[a], self.least[b]),
-                )
-                influence = 0.0
-                if s > 0.0:
-                    influence = -curvature * self.law.shape(k, s)[0]
-                self.influence[at] = influence
+                curvature = 0.5 * (inverse + self.curvature[b])
+                least = ti.max(wide, self.least[b])
+                free = self.law.half_sine(inward.dot(self.inward[b]))
+                s = ti.max(free, 0.5 * curvature * least)
+                some = s > 0.0
+                shape = self.law.shape(k, ti.select(some, s, 1.0))
+                self.influence[at] = ti.select(some, -curvature * shape[0], 0.0)
+                self.turning[at] = ti.select(s > free, 0.0, -curvature * shape[2])
                 at += 1
 
     @ti.func
@@ -81,42 +88,47 @@ class ReciprocalExpansions(Expansions):
     @ti.func
     def tilt(self, i):
         """Note the expansions, and the forces by which M changes as the contacts move."""
-        base, number, k = self.contacts.incidence_start[i], self.count[i], self.bulk(i)
+        base, number, at = self.contacts.incidence_start[i], self.count[i], self.first_pair[i]
         for a in range(base, base + number):
-            self.pull[self.entry[a]] = vec3(0.0)
-            self.load[a] = self.force[self.entry[a] >> 1]
-        for a in range(base, base + number):
+            load, inward, inverse = self.load[a], self.inward[a], self.curvature[a]
+            turned, deeper = vec3(0.0), 0.0
             for b in range(base, a):
-                if self.load[a] != 0.0 and self.load[b] != 0.0:
-                    self.tilt_pair(k, a, b)
+                loads = load * self.load[b]
+                turning = loads * self.turning[at]
+                turned += turning * self.inward[b]
+                self.turned[b] += turning * inward
+                by_depth = loads * self.influence[at] / (inverse + self.curvature[b])
+                deeper += by_depth
+                self.deeper[b] += by_depth
+                at += 1
+            self.turned[a], self.deeper[a] = turned, deeper
+        self.widen(i)
         for a in range(base, base + number):
-            entry = self.entry[a]
+            entry, inward, turned = self.entry[a], self.inward[a], self.turned[a]
+            across = turned - turned.dot(inward) * inward
+            # d(1/a)/d(overlap) = 1/(2 a^2), and M goes with the mean of two 1/a
+            deeper = 0.5 * self.curvature[a] ** 2 * self.deeper[a] + self.wider[a]
+            self.pull[entry] = deeper * inward - across / self.separation[entry >> 1]
             self.contacts.history[entry >> 1].expansion[entry & 1] = self.rise[entry]
 
     @ti.func
-    def tilt_pair(self, k, a, b):
-        """The derivative of F_a M_ab F_b by the places of the two contacts."""
-        inward_a, inward_b = self.inward[a], self.inward[b]
-        cosine = inward_a.dot(inward_b)
-        inverse_a, inverse_b = self.curvature[a], self.curvature[b]
-        curvature = 0.5 * (inverse_a + inverse_b)
-        least = ti.max(self.least[a], self.least[b])
-        s = self.law.half_sine(cosine, curvature, least)
-        shape = self.law.shape(k, s)
-        loads = self.load[a] * self.load[b]
-        cut = 2.0 * s <= curvature * least * (1.0 + 1e-12)
-        by_cosine = ti.select(cut, 0.0, -curvature * shape[2]) * loads
-        by_curvature = -0.5 * (shape[0] + ti.select(cut, s * shape[1], 0.0)) * loads
-        # d(1/a)/d(overlap) = 1/(2 a^2)
-        deeper_a = 0.5 * by_curvature * inverse_a * inverse_a
-        deeper_b = 0.5 * by_curvature * inverse_b * inverse_b
-        if cut:  # the wider contact decides: d least/d(overlap) = R* / (2 least)
-            wider = -0.5 * curvature * curvature * shape[1] * loads
-            if self.least[a] >= self.least[b]:
-                deeper_a += wider * 0.5 * self.radius[self.entry[a] >> 1] / least
-            else:
-                deeper_b += wider * 0.5 * self.radius[self.entry[b] >> 1] / least
-        turn_a = by_cosine / self.separation[self.entry[a] >> 1]
-        turn_b = by_cosine / self.separation[self.entry[b] >> 1]
-        self.pull[self.entry[a]] += deeper_a * inward_a - turn_a * (inward_b - cosine * inward_a)
-        self.pull[self.entry[b]] += deeper_b * inward_b - turn_b * (inward_a - cosine * inward_b)
+    def widen(self, i):
+        """What is added where the distance of two contacts is cut off at the radius of the wider:
+        with the overlap that grows, and so does M with the mean of 1/a."""
+        base, number, at = self.contacts.incidence_start[i], self.count[i], self.first_pair[i]
+        for a in range(base, base + number):
+            self.wider[a] = 0.0
+            for b in range(base, a):
+                loads = self.load[a] * self.load[b]
+                if self.turning[at] == 0.0 and loads != 0.0:
+                    curvature = 0.5 * (self.curvature[a] + self.curvature[b])
+                    wide = b if self.least[a] < self.least[b] else a
+                    least = self.least[wide]
+                    slope = loads * self.law.shape(self.bulk(i), 0.5 * curvature * least)[1]
+                    by_curvature = -0.25 * slope * curvature * least
+                    for c in ti.static((a, b)):
+                        self.wider[c] += 0.5 * self.curvature[c] ** 2 * by_curvature
+                    # d least/d(overlap) = R*/(2 least)
+                    radius = self.radius[self.entry[wide] >> 1]
+                    self.wider[wide] -= 0.25 * curvature**2 * slope * radius / least
+                at += 1

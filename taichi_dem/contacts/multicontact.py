@@ -129,7 +129,6 @@ class MultiContact:
 
     @staticmethod
     @ti.func
-    def half_sine(cosine, curvature, least):
-        """s, no smaller than where r is ``least``; ``curvature`` is the mean of 1/a."""
-        s = ti.sqrt(ti.max(0.5 - 0.5 * cosine, 0.0))
-        return ti.max(s, 0.5 * curvature * least)
+    def half_sine(cosine):
+        """s."""
+        return ti.sqrt(ti.max(0.5 - 0.5 * cosine, 0.0))

@@ -53,7 +53,7 @@ def test_what_cannot_be_met_is_said():
 
 
 def test_the_error_found_is_about_the_one_asked():
-    asked, pilot = 1e-4, Pilot(bobbing(), 0.01)
+    asked, pilot = 1e-5, Pilot(bobbing(), 0.01)
     told = choice.choose_by(pilot, asked)
     fine = pilot.tight.but("step", told.settings.step / 8)
     found = accuracy.worst(pilot.distance(told.settings, fine))

@@ -113,12 +113,6 @@ def holds(problem):
     assert parts["balance_error"] <= 4 * 0.0062 * scale
 
 
-@settings(max_examples=6, **FEW)
-@given(scenes())
-def test_random_scenes_hold(problem):
-    holds(problem)
-
-
 @pytest.mark.slow
 @settings(max_examples=200, **FEW)
 @given(scenes())

@@ -140,6 +140,7 @@ def test_what_is_wrong_is_said_before_anything_is_written(tmp_path, capsys):
     assert "cannot be read" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_what_there_is(tmp_path):
     bobbing().to_toml(tmp_path / "scene.toml")
     folder = tmp_path / "out"

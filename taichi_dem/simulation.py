@@ -17,7 +17,7 @@ from taichi_dem.effects import Effects, effects_of
 from taichi_dem.engine import Engine
 from taichi_dem.exchange import ground_of
 from taichi_dem.forces import Coefficients
-from taichi_dem.guards import SimulationStopped
+from taichi_dem.guards import FARTHEST_STEP, SimulationStopped
 from taichi_dem.pace import WAYS
 from taichi_dem.scene import Scene, Spheres
 from taichi_dem.schedule import Schedule, interruptible
@@ -76,6 +76,7 @@ class Simulation:
             problems.append(number_problem("skin", skin, _SKIN))
         if found := [problem for problem in problems if problem]:
             raise InputError(found)
+        self._refuse_step(dt, scene.spheres)
         backend.start()
         self.scene, self.steps = scene, 0
         self._built_with = scene.spheres
@@ -115,6 +116,7 @@ class Simulation:
         given = {"position": position, "velocity": velocity, "omega": omega}
         changed: Any = {name: values for name, values in given.items() if values is not None}
         spheres = dataclasses.replace(self._built_with, **changed)
+        self._refuse_step(dt, spheres)
         self.scene = dataclasses.replace(self.scene, spheres=spheres)
         self._restart(spheres, dt)
 
@@ -188,6 +190,19 @@ class Simulation:
     def stable(self) -> StableStep:
         """The stable step of the scene, and what sets it."""
         return stable_time_step(self.scene, self._coefficients)
+
+    def _refuse_step(self, dt: float | None, spheres: Spheres) -> None:
+        """Where a sphere would go too far in its first step."""
+        if dt is None:
+            return
+        speed = np.linalg.norm(spheres.velocity, axis=1)
+        row = int((speed / spheres.radius).argmax())
+        if (limit := FARTHEST_STEP * spheres.radius[row]) <= speed[row] * dt:
+            rule = (
+                f"must be < {limit / speed[row]:.3g} s: sphere {row} at {speed[row]:.3g} m/s would "
+                f"move more than {FARTHEST_STEP:g} of its radius in a step, through others perhaps"
+            )
+            raise InputError([Problem("dt", dt, rule)])
 
     def _choose_step(self, dt: float | None) -> tuple[float, str]:
         stable = self.stable

@@ -2,8 +2,9 @@
 
 A contact of two bodies swings with the half period pi sqrt(m*/k); velocity Verlet follows it well
 with twenty steps.  The stiffness k grows with the overlap, so it is taken at an overlap that the
-scene can reach: that of an impact at the highest speed to be expected, and at least 2 % of the
-radius.  A substrate shared by many contacts makes each of them softer, never stiffer.
+scene can reach: that of an impact at the highest speed to be expected, at least 2 % of the radius,
+and as deep as the spheres already overlap at the start.  A substrate shared by many contacts makes
+each of them softer, never stiffer.
 
 The spring of a rolling law swings with pi sqrt(I/(k_r R*)), and is followed as well.  A dashpot,
 which sees the velocity of half a step before, must not reverse it within a step: its step is half
@@ -19,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from taichi_dem.material import Material
+from taichi_dem.packing import overlapping
 from taichi_dem.scene import Scene
 
 STEPS_PER_CONTACT = 20
@@ -78,7 +80,7 @@ class _Meeting:
 def stable_time_step(scene: Scene, coefficients: Mapping[str, Any]) -> StableStep:
     """A twentieth of the shortest contact's half period, and short against what damps it and the
     way that a sphere goes in it; ``coefficients`` are the ``Coefficients`` of each law by slot."""
-    speed = expected_speed(scene)
+    speed, held = expected_speed(scene), _deepest_at_start(scene)
     bodies = [_smallest(scene, index) for index in range(len(scene.spheres.materials))]
     walls = [
         _Smallest(f"boundary {b}", wall.material, 0.0, _inverse_mass(wall, scene.spheres.count))
@@ -90,7 +92,7 @@ def stable_time_step(scene: Scene, coefficients: Mapping[str, Any]) -> StableSte
         candidate
         for k, a in enumerate(bodies)
         for b in (*bodies[k:], *walls)
-        for candidate in _of_contact(scene, coefficients, a, b, speed)
+        for candidate in _of_contact(scene, coefficients, a, b, speed, held)
     ]
     if speed > 0:
         way = LONGEST_WAY * float(scene.spheres.radius.min())
@@ -114,11 +116,26 @@ def _fall_height(scene: Scene) -> float:
     down = np.array(scene.gravity) / np.linalg.norm(scene.gravity)
     depth = scene.spheres.position @ down
     way = np.full(scene.spheres.count, np.inf)
-    walls: list[Any] = [*scene.boundaries, *([scene.substrate] if scene.substrate else [])]
-    for point, normal in (face for wall in walls for face in wall.faces()):
+    for point, normal in _faces(scene):
         if (steepness := float(-normal @ down)) > 0:
             way = np.minimum(way, (scene.spheres.position - point) @ normal / steepness)
     return float(np.where(np.isfinite(way), way, depth.max() - depth).max())
+
+
+def _deepest_at_start(scene: Scene) -> float:
+    """The largest overlap of the scene as it stands, over the effective radius."""
+    position, radius = scene.spheres.position, scene.spheres.radius
+    i, j = overlapping(position, radius)
+    apart = np.linalg.norm(position[i] - position[j], axis=1)
+    deepest = ((radius[i] + radius[j] - apart) * (1 / radius[i] + 1 / radius[j])).max(initial=0.0)
+    for point, normal in _faces(scene):
+        deepest = max(deepest, (1 - (position - point) @ normal / radius).max())
+    return float(deepest)
+
+
+def _faces(scene: Scene) -> list[Any]:
+    walls: list[Any] = [*scene.boundaries, *([scene.substrate] if scene.substrate else [])]
+    return [face for wall in walls for face in wall.faces()]
 
 
 def _wall_speed(wall: Any) -> float:
@@ -149,9 +166,14 @@ def _smallest(scene: Scene, index: int) -> _Smallest:
 
 
 def _of_contact(
-    scene: Scene, coefficients: Mapping[str, Any], a: _Smallest, b: _Smallest, speed: float
+    scene: Scene,
+    coefficients: Mapping[str, Any],
+    a: _Smallest,
+    b: _Smallest,
+    speed: float,
+    held: float,
 ) -> Iterator[StableStep]:
-    """The limits that one kind of contact sets."""
+    """The limits of one kind of contact, at overlaps of ``held`` effective radii at least."""
     k = {slot: table.between(a.material, b.material) for slot, table in coefficients.items()}
     law, normal = scene.law, scene.law.normal
     radius, mass = 1 / (a.curvature + b.curvature), 1 / (a.inverse_mass + b.inverse_mass)
@@ -160,6 +182,7 @@ def _of_contact(
         max(LEAST_OVERLAP * radius, _impact_overlap(normal, k["normal"], radius, mass, speed)),
         MOST_OVERLAP * radius,
     )
+    overlap = max(overlap, held * radius)
     name = a.name if a is b else f"{a.name} on {b.name}"
     meeting = _Meeting(name, radius, mass, 1 / inverse_inertia, overlap, speed)
     stiffness = normal.stiffness(k["normal"], radius, overlap)

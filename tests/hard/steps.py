@@ -89,10 +89,14 @@ def coincident(setting):
 
 @hard("a sphere thrown too fast for any step asked", drivers=("serial", "parallel"))
 def too_fast(setting):
-    """A step in which it would go a radius: stopped before it can pass through anything."""
+    """A step in which it would go a radius: refused, or stopped where gravity makes it so fast,
+    before it can pass through anything."""
     flying = scene([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], R, GLASS, velocity=(1.0, 0, 0), law=law(1.0))
-    sim = setting.simulation(flying, dt=R)
-    error = outcome(lambda: sim.run(steps=10))
+    error = outcome(lambda: setting.simulation(flying, dt=R))
+    yield from refused(error, dem.InputError, "dt = 0.001", "sphere 0", "must be < 0.00025 s")
+    falling = scene([[0.0, 0.0, 0.0]], R, GLASS, law=law(1.0), gravity=(0, 0, -10.0))
+    sim = setting.simulation(falling, dt=0.1 * R)
+    error = outcome(lambda: sim.run(steps=4000))
     yield from refused(error, SimulationStopped, "sphere 0", "Try a smaller time step")
 
 

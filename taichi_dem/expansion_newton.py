@@ -154,7 +154,7 @@ class ImplicitExpansions(ReciprocalExpansions):
             for b in range(base, a):
                 influence = self.influence[at]
                 own += influence * self.load[b]
-                self.answer[b] += influence * load
+                self.answer[b] = self.answer[b] + influence * load
                 at += 1
             self.answer[a] = own
         curvature = 0.0
@@ -203,7 +203,7 @@ class ImplicitExpansions(ReciprocalExpansions):
             direction = self.next_direction(p)
             remainder = self.remainder[p] - self.length[None] * (direction - self.risen(p))
             self.direction[p], self.remainder[p] = direction, remainder
-            self.step[p] += self.length[None] * direction
+            self.step[p] = self.step[p] + self.length[None] * direction
             if self.tangent[p] > 0.0:
                 left = ti.max(left, ti.abs(remainder))
             product += self.tangent[p] * remainder * remainder

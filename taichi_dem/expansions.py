@@ -11,7 +11,7 @@ from typing import Any
 from taichi_dem.contact_list import ContactList
 from taichi_dem.control import STALE, Control
 from taichi_dem.geometry import Geometry
-from taichi_dem.types import real, ti, vec3
+from taichi_dem.types import real, ti, vec2, vec3
 
 SPARE = 1.2  # reach by the largest expansions that occurred
 USED = 0.9  # of the reach: beyond, the list is made anew, with more
@@ -78,6 +78,8 @@ class Expansions:
     def note(self, p, met):
         """Keep where the bodies of contact ``p`` are; whether they are within reach."""
         near = met.overlap > -self.control.reach[None]
+        if not near and self.overlap[p] > -math.inf:
+            self.contacts.history[p].expansion = vec2(0.0)
         self.overlap[p] = met.overlap if near else -math.inf
         self.normal[p] = met.normal
         self.radius[p] = met.effective_radius
@@ -108,7 +110,6 @@ class Expansions:
             entry = self.contacts.incidence[q]
             p = entry >> 1
             overlap = self.overlap[p]
-            self.rest(entry)
             if overlap > -math.inf:
                 place = base + number
                 self.entry[place] = entry
@@ -117,8 +118,11 @@ class Expansions:
                 self.curvature[place] = 1.0 / self.depth[place]
                 self.least[place] = ti.sqrt(self.radius[p] * ti.max(overlap, 0.0))
                 number += 1
-        self.count[i] = ti.select(number > 1, number, 0)
-        return self.count[i]
+        if number == 1:
+            self.rest(self.entry[base])
+            number = 0
+        self.count[i] = number
+        return number
 
     @ti.func
     def rest(self, entry):
@@ -146,20 +150,22 @@ class Expansions:
         number, base = self.gather(i), self.contacts.incidence_start[i]
         k = self.bulk(i)
         for a in range(base, base + number):
-            p = self.entry[a] >> 1
-            self.load[a] = self.contacts.history[p].normal_force
-            self.answer[a] = 0.0
+            load = self.contacts.history[self.entry[a] >> 1].normal_force
+            inward, depth, least = self.inward[a], self.depth[a], self.least[a]
+            answer = 0.0
             for b in range(base, a):
-                if self.load[a] != 0.0 or self.load[b] != 0.0:
+                other = self.load[b]
+                if load != 0.0 or other != 0.0:
                     raised = self.law.published(
                         k,
-                        self.inward[a].dot(self.inward[b]),
-                        self.depth[a],
+                        inward.dot(self.inward[b]),
+                        depth,
                         self.depth[b],
-                        ti.max(self.least[a], self.least[b]),
+                        ti.max(least, self.least[b]),
                     )
-                    self.answer[a] += raised[0] * self.load[b]
-                    self.answer[b] += raised[1] * self.load[a]
+                    answer += raised[0] * other
+                    self.answer[b] = self.answer[b] + raised[1] * load
+            self.load[a], self.answer[a] = load, answer
         for a in range(base, base + number):
             entry = self.entry[a]
             self.contacts.history[entry >> 1].expansion[entry & 1] = self.answer[a]

@@ -11,8 +11,10 @@ from taichi_dem.types import real, ti, vec3
 class ReciprocalExpansions(Expansions):
     """As ``Expansions``, with room for ``pairs`` of contacts.
 
-    influence, turning  M of each particle, one triangle after the other, and its derivative by the
-                cosine, 0 where the distance is cut off; those of i from first_pair[i] on
+    influence   M of each particle, one triangle after the other; those of i from first_pair[i] on
+    turning, deepening  derivatives of M by the cosine of the angle between the contacts, 0 where
+                the distance is cut off, and by one of the two 1/a, that distance apart
+    cut         of each particle: pairs whose distance is cut off
     turned, deeper, wider  of each place, sums over the others of the sphere: force derivatives
     separation  of each contact: distance of the centres (m), infinite to a wall
     force       of each contact: elastic, N
@@ -37,10 +39,12 @@ class ReciprocalExpansions(Expansions):
         for field in (self.turned, self.deeper, self.wider):
             builder.dense(ti.i, 2 * capacity).place(field)
         self.influence, self.turning = ti.field(real), ti.field(real)
-        for field in (self.influence, self.turning):
+        self.deepening = ti.field(real)
+        for field in (self.influence, self.turning, self.deepening):
             builder.dense(ti.i, self.pairs).place(field)
-        self.first_pair = ti.field(ti.i32)
-        builder.dense(ti.i, particles).place(self.first_pair)
+        self.first_pair, self.cut = ti.field(ti.i32), ti.field(ti.i32)
+        for field in (self.first_pair, self.cut):
+            builder.dense(ti.i, particles).place(field)
 
     def enrol(self) -> int:
         return self._lay_out()
@@ -61,7 +65,7 @@ class ReciprocalExpansions(Expansions):
     def match(self, i):
         """M of the particle, and its derivative by the cosine of the angle between two contacts."""
         number, base = self.gather(i), self.contacts.incidence_start[i]
-        k, at = self.bulk(i), self.first_pair[i]
+        k, at, cut = self.bulk(i), self.first_pair[i], 0
         for a in range(base, base + number):
             inward, inverse, wide = self.inward[a], self.curvature[a], self.least[a]
             for b in range(base, a):
@@ -72,8 +76,11 @@ class ReciprocalExpansions(Expansions):
                 some = s > 0.0
                 shape = self.law.shape(k, ti.select(some, s, 1.0))
                 self.influence[at] = ti.select(some, -curvature * shape[0], 0.0)
+                self.deepening[at] = ti.select(some, -0.5 * shape[0], 0.0)
                 self.turning[at] = ti.select(s > free, 0.0, -curvature * shape[2])
+                cut += ti.cast(s > free, ti.i32)
                 at += 1
+        self.cut[i] = cut
 
     @ti.func
     def lateral_force(self, p):
@@ -90,19 +97,20 @@ class ReciprocalExpansions(Expansions):
         """Note the expansions, and the forces by which M changes as the contacts move."""
         base, number, at = self.contacts.incidence_start[i], self.count[i], self.first_pair[i]
         for a in range(base, base + number):
-            load, inward, inverse = self.load[a], self.inward[a], self.curvature[a]
+            load, inward = self.load[a], self.inward[a]
             turned, deeper = vec3(0.0), 0.0
             for b in range(base, a):
                 loads = load * self.load[b]
                 turning = loads * self.turning[at]
                 turned += turning * self.inward[b]
-                self.turned[b] += turning * inward
-                by_depth = loads * self.influence[at] / (inverse + self.curvature[b])
+                self.turned[b] = self.turned[b] + turning * inward
+                by_depth = loads * self.deepening[at]
                 deeper += by_depth
-                self.deeper[b] += by_depth
+                self.deeper[b] = self.deeper[b] + by_depth
                 at += 1
-            self.turned[a], self.deeper[a] = turned, deeper
-        self.widen(i)
+            self.turned[a], self.deeper[a], self.wider[a] = turned, deeper, 0.0
+        if self.cut[i] > 0:
+            self.widen(i)
         for a in range(base, base + number):
             entry, inward, turned = self.entry[a], self.inward[a], self.turned[a]
             across = turned - turned.dot(inward) * inward
@@ -117,7 +125,6 @@ class ReciprocalExpansions(Expansions):
         with the overlap that grows, and so does M with the mean of 1/a."""
         base, number, at = self.contacts.incidence_start[i], self.count[i], self.first_pair[i]
         for a in range(base, base + number):
-            self.wider[a] = 0.0
             for b in range(base, a):
                 loads = self.load[a] * self.load[b]
                 if self.turning[at] == 0.0 and loads != 0.0:

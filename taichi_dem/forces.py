@@ -239,7 +239,8 @@ class Forces:
         power -= (friction_before + friction).dot(contact.tangential_velocity)
         if ti.static(self.rolls):
             power -= (torque_before + torque).dot(contact.relative_spin)
-        self.contacts.lost[p] += 0.5 * contact.time_step * power
+        lost = self.contacts.lost[p]  # (+= would be atomic)
+        self.contacts.lost[p] = lost + 0.5 * contact.time_step * power
 
     @ti.func
     def stored(self, p):

@@ -65,7 +65,7 @@ class ReciprocalExpansions(Expansions):
     def match(self, i):
         """M of the particle, and its derivative by the cosine of the angle between two contacts."""
         number, base = self.gather(i), self.contacts.incidence_start[i]
-        k, at, cut = self.bulk(i), self.first_pair[i], 0
+        terms, at, cut = self.law.terms(self.bulk(i)), self.first_pair[i], 0
         for a in range(base, base + number):
             inward, inverse, wide = self.inward[a], self.curvature[a], self.least[a]
             for b in range(base, a):
@@ -73,12 +73,13 @@ class ReciprocalExpansions(Expansions):
                 least = ti.max(wide, self.least[b])
                 free = self.law.half_sine(inward.dot(self.inward[b]))
                 s = ti.max(free, 0.5 * curvature * least)
-                some = s > 0.0
-                shape = self.law.shape(k, ti.select(some, s, 1.0))
-                self.influence[at] = ti.select(some, -curvature * shape[0], 0.0)
-                self.deepening[at] = ti.select(some, -0.5 * shape[0], 0.0)
-                self.turning[at] = ti.select(s > free, 0.0, -curvature * shape[2])
-                cut += ti.cast(s > free, ti.i32)
+                shape = self.law.shape(terms, ti.select(s > 0.0, s, 1.0))
+                self.influence[at] = -curvature * shape[0]
+                self.deepening[at] = -0.5 * shape[0]
+                self.turning[at] = -curvature * shape[2]
+                if s > free:
+                    self.turning[at] = 0.0
+                    cut += 1
                 at += 1
         self.cut[i] = cut
 
@@ -124,6 +125,7 @@ class ReciprocalExpansions(Expansions):
         """What is added where the distance of two contacts is cut off at the radius of the wider:
         with the overlap that grows, and so does M with the mean of 1/a."""
         base, number, at = self.contacts.incidence_start[i], self.count[i], self.first_pair[i]
+        terms = self.law.terms(self.bulk(i))
         for a in range(base, base + number):
             for b in range(base, a):
                 loads = self.load[a] * self.load[b]
@@ -131,7 +133,7 @@ class ReciprocalExpansions(Expansions):
                     curvature = 0.5 * (self.curvature[a] + self.curvature[b])
                     wide = b if self.least[a] < self.least[b] else a
                     least = self.least[wide]
-                    slope = loads * self.law.shape(self.bulk(i), 0.5 * curvature * least)[1]
+                    slope = loads * self.law.shape(terms, 0.5 * curvature * least)[1]
                     by_curvature = -0.25 * slope * curvature * least
                     for c in ti.static((a, b)):
                         self.wider[c] += 0.5 * self.curvature[c] ** 2 * by_curvature

@@ -118,14 +118,19 @@ class MultiContact:
 
     @staticmethod
     @ti.func
-    def shape(k, s):
+    def terms(k):
+        """The factors of 1/s, 1 and -s in -a M of (S)."""
+        nu, half = k.poissons_ratio, 0.5 * k.compliance
+        return half * vec3(2.0 * (1.0 - nu), 2.0 * (1.0 - 2.0 * nu), 7.0 - 8.0 * nu)
+
+    @staticmethod
+    @ti.func
+    def shape(terms, s):
         """-a M of (S), its derivative by s, and that by -4 s, which is the one by the cosine."""
-        nu, inverse, half = k.poissons_ratio, 1.0 / s, 0.5 * k.compliance
-        near, far = 2.0 * (1.0 - nu) * inverse, 7.0 - 8.0 * nu
-        slope = -half * (near * inverse + far)
-        return vec3(
-            half * (near + 2.0 * (1.0 - 2.0 * nu) - far * s), slope, -0.25 * slope * inverse
-        )
+        inverse = 1.0 / s
+        near = terms[0] * inverse
+        slope = -(near * inverse + terms[2])
+        return vec3(near + terms[1] - terms[2] * s, slope, -0.25 * slope * inverse)
 
     @staticmethod
     @ti.func

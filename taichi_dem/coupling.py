@@ -188,8 +188,8 @@ class CoupledSolve:
         """Where and how large contact ``k`` is with its present force."""
         self.sums.x[k], self.sums.y[k] = self.home_x[k], self.home_y[k]
         if ti.static(self.finite):
-            self.sums.x[k] += self.shift_x[k]
-            self.sums.y[k] += self.shift_y[k]
+            self.sums.x[k] = self.sums.x[k] + self.shift_x[k]
+            self.sums.y[k] = self.sums.y[k] + self.shift_y[k]
             square = 0.0
             if self.force[k] > 0.0:
                 square = ti.pow(self.size[k] * self.force[k], 2.0 / 3.0)
@@ -318,7 +318,7 @@ class CoupledSolve:
         if error <= self.model_goal[None] or self.steps[None] >= MOST_STEPS:
             solved = 1
             for k in range(self.count[None]):
-                self.gain[k] += of(self.sums.image, k)
+                self.gain[k] = self.gain[k] + of(self.sums.image, k)
         else:  # across a kink of the law a full step may overshoot
             self.length[None] = 1.0 if error < before else 0.5
         return solved
@@ -350,8 +350,8 @@ class CoupledSolve:
         if curvature > 0.0:  # or contacts are closer than their size: keep what there is
             length = before / curvature
             for k in range(self.count[None]):
-                self.step[k] += length * self.direction[k]
-                self.remainder[k] -= length * self.image[k]
+                self.step[k] = self.step[k] + length * self.direction[k]
+                self.remainder[k] = self.remainder[k] - length * self.image[k]
                 if self.tangent[k] > 0.0:
                     left = ti.max(left, ti.abs(self.remainder[k]))
                 product += self.tangent[k] * self.remainder[k] * self.remainder[k]
@@ -371,7 +371,7 @@ class CoupledSolve:
         """d after the step of Newton, and the forces it reckons with."""
         for k in range(self.count[None]):
             if self.tangent[k] <= 0.0:
-                self.step[k] += self.remainder[k]
+                self.step[k] = self.step[k] + self.remainder[k]
             before, step = self.effective[k], self.length[None] * self.step[k]
             ceiling = ti.max(before, self.overlap[k]) + self.scale[None]
             self.effective[k] = ti.min(before + step, ceiling)
@@ -392,5 +392,5 @@ class CoupledSolve:
         if trusted != 0:
             for k in range(self.count[None]):
                 left = ti.select(self.image[k] > 0.0, self.remainder[k], 0.0)
-                self.gain[k] += self.base[k] - self.effective[k] - left
+                self.gain[k] = self.gain[k] + (self.base[k] - self.effective[k] - left)
         return trusted

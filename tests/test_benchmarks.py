@@ -56,6 +56,11 @@ def test_benchmark_runs_and_writes_its_figures(arguments, tmp_path, capsys):
     assert all(figure["what"] in printed for figure in document["figures"])
 
 
+def test_a_shaken_bed_comes_to_rest_and_stays_there(capsys):
+    missed = run.main(["soak", "-n", str(FEW), "--steps", "150000"])
+    assert not missed, capsys.readouterr().out
+
+
 def test_every_benchmark_is_listed(capsys):
     assert run.main([]) == 0
     printed = capsys.readouterr().out

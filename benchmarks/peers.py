@@ -77,7 +77,7 @@ def run(
             liggghts.write(folder, scene, dt=dt, steps=warm_up, skin=skin)
         else:
             liggghts.write_data(folder / liggghts.DATA, scene)
-            script.write_text(_lammps(scene, dt, warm_up, skin))
+            script.write_text(lammps_script(scene, dt, warm_up, skin))
         with script.open("a") as file:
             file.write(f"{WATCHED}thermo {steps}\nrun {steps}\n")
         command = [*LAUNCHER, "-np", str(ranks), BINARIES[code], "-in", script.name]
@@ -98,8 +98,11 @@ def read_log(text: str) -> Timing:
     return Timing(seconds, contacts / 2, moving + turning)
 
 
-def _lammps(scene: dem.Scene, dt: float, warm_up: int, skin: float) -> str:
-    """The script of a bed of one material between fixed walls across the axes."""
+def lammps_script(scene: dem.Scene, dt: float, warm_up: int, skin: float) -> str:
+    """The script of spheres of one material between fixed walls across the axes; ValueError if they
+    are not so."""
+    if len(scene.materials) > 1 or scene.gravity[0] or scene.gravity[1]:
+        raise ValueError("spheres and walls must be of one material, and gravity along -z")
     (material,) = scene.materials
     model = MODEL.format(
         young=material.youngs_modulus,

@@ -23,6 +23,7 @@ NAMES = (
     "substrate_step",
     "asked_error",
     "hard_cases",
+    "survival",
     "soak",
     "law_costs",
     "half_space",

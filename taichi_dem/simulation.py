@@ -28,6 +28,9 @@ from taichi_dem.writing import Output
 
 SECONDS_PER_CHUNK = 0.3  # between two looks at the world outside; no result depends on it
 FIRST_CHUNK = 50  # steps
+STEPS_TO_LOOK = 100  # at the energy, at least, and a tenth of those made
+MADE = 0.05  # of the largest part of the energy: so much from nothing is warned of
+ROUNDING = 1e-9  # of the energy in the heights, at most
 DRIVERS = ("auto", *WAYS)
 
 WARNINGS = {
@@ -82,7 +85,7 @@ class Simulation:
         self._built_with = scene.spheres
         self.warnings: dict[str, int] = {}
         self._memo: dict[str, Any] = {}
-        self._outcome, self._chunk = "not run yet", FIRST_CHUNK
+        self._outcome, self._chunk, self._next_look = "not run yet", FIRST_CHUNK, STEPS_TO_LOOK
         effects = effects_of(scene, energy_balance)
         coefficients = {
             slot: Coefficients(scene.law, slot, scene.materials) for slot in scene.law.parts()
@@ -124,7 +127,7 @@ class Simulation:
         """Without a look at whether the scene makes sense."""
         self.warnings.clear()
         self._memo.clear()
-        self._outcome, self.steps = "not run yet", 0
+        self._outcome, self.steps, self._next_look = "not run yet", 0, STEPS_TO_LOOK
         self.dt, self.dt_reason = self._choose_step(dt)
         self._engine.restart(spheres, self.dt)
         self._first_energy = _total(self._energy_parts())
@@ -174,6 +177,7 @@ class Simulation:
                         all_of_them.callback(output.finish, self)
         if self._outcome == "interrupted":
             raise KeyboardInterrupt
+        self._watch_energy()
 
     def _advance(self, steps: int) -> None:
         self._memo.clear()
@@ -232,6 +236,22 @@ class Simulation:
         for name, count in self._engine.exchange.counts().items():
             if count > self.warnings.get(name, 0):
                 self._warn(name, WARNINGS[name], count)
+
+    def _watch_energy(self) -> None:
+        """Warn where energy has come from nothing, now and then."""
+        if not self.effects.balanced or self.steps < self._next_look:
+            return
+        self._next_look = self.steps + max(STEPS_TO_LOOK, self.steps // 10)
+        parts = self.energy()
+        made, height = parts.pop("balance_error"), abs(parts.pop("gravity"))
+        most = max(abs(part) for part in parts.values())
+        if made > max(MADE * most, ROUNDING * height):
+            self._warn(
+                "energy",
+                f"{made:.3g} J have come from nothing, beside {most:.3g} J in motion, contacts or "
+                f"heat. The time step of {self.dt:.3g} s may be too long: stable is "
+                f"{self.stable.value:.3g} s",
+            )
 
     # -- looking ---------------------------------------------------------------------------------
 

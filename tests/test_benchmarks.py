@@ -61,6 +61,17 @@ def test_a_shaken_bed_comes_to_rest_and_stays_there(capsys):
     assert not missed, capsys.readouterr().out
 
 
+def test_hard_scenes_survive_here(capsys):
+    assert not run.main(["survival", "impact", "restitution", "0.5"])
+    assert "ours" in capsys.readouterr().out
+
+
+@pytest.mark.peers
+def test_every_hard_scene_survives_here_and_elsewhere_is_told(capsys):
+    missed = run.main(["survival"])
+    assert not missed, capsys.readouterr().out
+
+
 def test_every_benchmark_is_listed(capsys):
     assert run.main([]) == 0
     printed = capsys.readouterr().out

@@ -332,3 +332,22 @@ def test_the_fall_to_a_wall_counts_in_the_time_step():
     )
     assert far.dt < near.dt
     assert "14 m/s" in far.dt_reason  # sqrt(2 g h)
+
+
+def test_energy_from_nothing_is_warned_of_once():
+    """A spring between two walls, at a step beyond what Verlet can follow, gains at every swing."""
+    walls = [dem.Plane((s * 0.99 * R, 0, 0), (-s, 0, 0), GLASS) for s in (-1.0, 1.0)]
+    held = scene([(1e-6, 0, 0)], R, GLASS, law=dem.Law(dem.Hooke(1e3, 1.0)), boundaries=walls)
+    frequency = np.sqrt(2e3 / held.spheres.mass[0])
+    with pytest.warns(RuntimeWarning, match="stable step"):
+        sim = dem.Simulation(held, dt=2.1 / frequency)
+    with pytest.warns(RuntimeWarning, match="J have come from nothing.*stable is"):
+        for _ in range(100):
+            sim.run(steps=1)
+    assert sim.warnings["energy"] == 1
+    assert sim.energy()["balance_error"] > 0
+    sim.restart(dt=0.2 / frequency)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sim.run(steps=1000)
+    assert "energy" not in sim.warnings

@@ -142,7 +142,9 @@ class EEPA:
         yields = yielded >= history.plastic_overlap
         plastic = ti.max(yielded, history.plastic_overlap)
         deepest = ti.max(yielded, history.deepest_plastic_overlap)
-        pull = self.pull(contact, second, k, raised, deepest)
+        pull = 0.0
+        if (raised < plastic) | (plastic < deepest):  # else no branch asks for it, and it is dear
+            pull = self.pull(contact, second, k, raised, deepest)
         stuck = raised + pull / second  # Q on the adhesive branch
         slides, reloads = stuck < plastic, (plastic < deepest) & (stuck > plastic)
         if ti.static(c < n):

@@ -23,6 +23,7 @@ from taichi_dem.grid import Grid, best_cell_size
 from taichi_dem.guards import SimulationStopped
 from taichi_dem.hosted import HostedExchange
 from taichi_dem.integrate import Verlet
+from taichi_dem.lagged import LaggedWatch
 from taichi_dem.meeting import Meeting
 from taichi_dem.neighbors import Neighbors
 from taichi_dem.pace import Pace, Skin
@@ -73,6 +74,8 @@ class Engine:
         self._soil = place[scene.substrate.material] if scene.substrate else -1
         self.exchange = self._make_exchange(builder)
         self._hosted = HostedExchange(self.exchange) if self.exchange is not None else None
+        lags = self.exchange is not None and self.exchange.lagged
+        self.lag = LaggedWatch(self.exchange) if lags else None
         self._trees = [builder.finalize()]
         weakref.finalize(self, _destroy, self._trees)
         self.control.fill(time_step, scene.gravity, max_overlap)
@@ -103,6 +106,8 @@ class Engine:
         self.boundaries.fill(self._place)
         if self.exchange is not None:
             self.exchange.restart()
+        if self.lag is not None:
+            self.lag.restart()
         self.skin.restart()
         self.grid.cell_size[None] = self._set_skin()
         self.energy.loss(True)
@@ -137,10 +142,14 @@ class Engine:
             self._answer()
             if step >= self.skin.review:
                 self.rebuild()
+            until = min(last, self.skin.review)
+            if self.lag is not None:
+                self._watch_lag(self.lag, step)
+                until = min(until, self.lag.next)
             self._solve_on_host()
             if step == last:
                 break
-            step += self._make_steps(min(last, self.skin.review) - step)
+            step += self._make_steps(until - step)
         self.drivers.evaluate(self.time_step)
         self.drivers.finish()
         self._guard()
@@ -159,6 +168,14 @@ class Engine:
         """Who solves for the contacts with the substrate, if they are too many for the kernel."""
         hosted = self._hosted
         return hosted if hosted is not None and hosted.exchange.hosted else None
+
+    def _watch_lag(self, lag: LaggedWatch, step: int) -> None:
+        """Stop a lagged exchange that is found to diverge."""
+        if step < lag.next:
+            return
+        lag.look(step)
+        if lag.diverges and not self.scene.substrate.force_lagged:  # type: ignore[union-attr]
+            self._stop(lag.reason(), None)
 
     def _solve_on_host(self) -> None:
         if self._host is not None:
@@ -352,6 +369,11 @@ class Engine:
         )
 
     # -- looking ---------------------------------------------------------------------------------
+
+    def doubts(self) -> dict[str, int]:
+        """How often so far what the substrate's model assumes did not hold, by name."""
+        counts = {} if self.exchange is None else self.exchange.counts()
+        return counts if self.lag is None else {**counts, "lagged_exchange": self.lag.risky}
 
     def particle_state(self) -> ParticleState:
         """The spheres now, in the user's order."""

@@ -37,6 +37,8 @@ WARNINGS = {
     "strains are not small",
     "close_points": "contacts with the substrate are closer than 6 of their radii: "
     'coupling="point" neglects their size, coupling="finite" does not',
+    "lagged_exchange": "the lagged exchange is close to divergence, with a spectral radius above "
+    '0.5: it damps some motions and feeds others; exchange="implicit" does not',
 }
 
 
@@ -227,9 +229,7 @@ class Simulation:
 
     def _watch(self) -> None:
         """Warn where the substrate's assumptions fail."""
-        if self._engine.exchange is None:
-            return
-        for name, count in self._engine.exchange.counts().items():
+        for name, count in self._engine.doubts().items():
             if count > self.warnings.get(name, 0):
                 self._warn(name, WARNINGS[name], count)
 
@@ -291,11 +291,16 @@ class Simulation:
             "precision": backend.PRECISION,
             "rebuilds": self._engine.rebuilds,
             "skin_m": self._engine.skin.width,
+            **self._lag(),
             "effects": {
                 effect.name: {"on": effect.on, "reason": effect.reason}
                 for effect in self.effects.listed
             },
         }
+
+    def _lag(self) -> dict[str, float]:
+        lag = self._engine.lag
+        return {} if lag is None else {"lagged_spectral_radius": lag.largest}
 
     def _once(self, name: str, make: Any) -> Any:
         if name not in self._memo:

@@ -152,7 +152,11 @@ def _coupling(substrate: Any) -> str:
         "step before",
         "none": "contacts do not feel each other: an elastic plane",
     }
-    return coupled[substrate.exchange]
+    text = coupled[substrate.exchange]
+    if (layer := substrate.layer) is not None:
+        held = {"bonded": "bonded to", "frictionless": "sliding on"}[layer.base]
+        text += f"; a layer of {quantity(layer.thickness, 'm')} {held} a rigid base"
+    return text
 
 
 def _output(plan: Run, simulated: float) -> str:

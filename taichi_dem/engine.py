@@ -74,8 +74,9 @@ class Engine:
         self._soil = place[scene.substrate.material] if scene.substrate else -1
         self.exchange = self._make_exchange(builder)
         self._hosted = HostedExchange(self.exchange) if self.exchange is not None else None
-        lags = self.exchange is not None and self.exchange.lagged
-        self.lag = LaggedWatch(self.exchange) if lags else None
+        self.lag = None
+        if self.exchange is not None and self.exchange.lagged:
+            self.lag = LaggedWatch(self.exchange)
         self._trees = [builder.finalize()]
         weakref.finalize(self, _destroy, self._trees)
         self.control.fill(time_step, scene.gravity, max_overlap)
@@ -104,8 +105,8 @@ class Engine:
         self.control.restart(time_step)
         self.particles.fill(spheres)
         self.boundaries.fill(self._place)
-        if self.exchange is not None:
-            self.exchange.restart()
+        if self._hosted is not None:
+            self._hosted.restart()
         if self.lag is not None:
             self.lag.restart()
         self.skin.restart()

@@ -1,9 +1,8 @@
 """The substrate at every step: contacts out; expansion, slope and energy in.
 
-Up to two thousand contacts or so are solved inside the step's own kernel
-(:mod:`taichi_dem.coupling`); more go to :mod:`halfspace` through the host
-(:mod:`taichi_dem.hosted`).  Which of the two is a matter of their number alone, so all drivers do
-the same.
+Up to two thousand contacts or so on a half-space are solved inside the step's own kernel
+(:mod:`taichi_dem.coupling`); more, and those on any other ground, go to :mod:`halfspace` through
+the host (:mod:`taichi_dem.hosted`).  Which of the two depends on no driver.
 """
 
 from collections.abc import Sequence
@@ -59,12 +58,13 @@ def ground_type(finite: bool) -> Any:
 
 def ground_of(substrate: Substrate) -> halfspace.HalfSpace:
     """The half-space that a scene's substrate stands for."""
-    material = substrate.material
+    material, layer = substrate.material, substrate.layer
     return halfspace.HalfSpace(
         material.youngs_modulus,
         material.poissons_ratio,
         tolerance=substrate.tolerance,
         coupling=substrate.coupling,
+        layer=None if layer is None else halfspace.Layer(layer.thickness, layer.base),
     )
 
 
@@ -94,6 +94,7 @@ class Exchange:
         self.normal, self.table, self.material = law.normal, coefficients.table, material
         self.lagged, self.finite = substrate.exchange == "lagged", substrate.coupling == "finite"
         self.halfspace = ground_of(substrate)
+        self.in_kernel = substrate.homogeneous
         self.residual = max(substrate.residual, ROUND_OFF)
         self._soil, self._materials = substrate.material, materials
 
@@ -119,8 +120,9 @@ class Exchange:
         builder.dense(ti.i, 3).place(self.noticed)
         builder.dense(ti.i, len(materials)).place(self.softness)
         builder.place(self.wave_speed, self.on_host)
+        most = IN_KERNEL_CONTACTS if self.in_kernel else 1
         self.solver = CoupledSolve(
-            min(n, IN_KERNEL_CONTACTS), self.halfspace.modulus, self.finite, self.lagged, builder
+            min(n, most), self.halfspace.modulus, self.finite, self.lagged, builder
         )
 
     def fill(self) -> None:
@@ -142,7 +144,7 @@ class Exchange:
     def enrol(self, contacts: ContactList) -> None:
         """Find the members after the contact list has been rebuilt, and who solves for them."""
         self.count = self._enrol(contacts)
-        self.hosted = self.count > self.solver.capacity
+        self.hosted = self.count > (self.solver.capacity if self.in_kernel else 0)
         self.on_host[None] = int(self.hosted)
 
     @ti.kernel

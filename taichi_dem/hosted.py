@@ -1,4 +1,6 @@
-"""The substrate's contacts through the host: for more of them than a kernel solves by itself."""
+"""The substrate's contacts through the host: for more of them than a kernel solves by itself, and
+for all substrates that the kernel does not know.
+"""
 
 import numpy as np
 
@@ -16,6 +18,11 @@ class HostedExchange:
     def __init__(self, exchange: Exchange):
         self.exchange, self.particles = exchange, exchange.particles
         self._plan: halfspace.Plan | None = None  # of the sums, kept from step to step
+
+    def restart(self) -> None:
+        """Begin anew, with sums that know nothing of those before."""
+        self.exchange.restart()
+        self._plan = None
 
     def update(self, contacts: ContactList) -> None:
         """Expansions and slopes for where the particles are now."""

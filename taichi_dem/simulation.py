@@ -90,8 +90,8 @@ class Simulation:
             slot: Coefficients(scene.law, slot, scene.materials) for slot in scene.law.parts()
         }
         self._coefficients = coefficients
-        self.dt, self.dt_reason = self._choose_step(dt)
         self._ground = ground_of(scene.substrate) if scene.substrate else None
+        self.dt, self.dt_reason = self._choose_step(dt)
         try:
             self._engine = Engine(scene, effects, coefficients, self.dt, driver, max_overlap, skin)
         except SimulationStopped as stop:
@@ -191,7 +191,10 @@ class Simulation:
     @property
     def stable(self) -> StableStep:
         """The stable step of the scene, and what sets it."""
-        return stable_time_step(self.scene, self._coefficients)
+        base, ground = 0.0, self._ground
+        if ground is not None and ground.layer is not None:
+            base = float(ground.matrix(np.zeros((1, 2)))[0, 0])
+        return stable_time_step(self.scene, self._coefficients, base)
 
     def _refuse_step(self, dt: float | None, spheres: Spheres) -> None:
         """Where a sphere would go too far in its first step."""

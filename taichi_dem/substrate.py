@@ -1,4 +1,4 @@
-"""The ground of a scene: an elastic half-space, and how its contacts are solved for."""
+"""The ground of a scene: an elastic half-space or layer, and how its contacts are solved for."""
 
 from __future__ import annotations
 
@@ -13,11 +13,24 @@ from taichi_dem.validation import Problem, parameter, unknown, validate
 
 COUPLINGS = ("finite", "point")
 EXCHANGES = ("implicit", "lagged", "none")
+BASES = ("bonded", "frictionless")
+
+
+@dataclasses.dataclass(frozen=True)
+class Layer:
+    """What makes a layer of the half-space, on a rigid ``base`` that holds it ("bonded") or lets it
+    slide and never lets it lift off ("frictionless")."""
+
+    thickness: float = parameter("m", "thickness", above=0.0)
+    base: str = "bonded"
+
+    def __post_init__(self) -> None:
+        validate(self, _choice_problem("base", self.base, BASES), name="layer")
 
 
 @dataclasses.dataclass(frozen=True)
 class Substrate:
-    """The elastic half-space z < 0.
+    """The elastic half-space z < 0, or a ``layer`` of it.
 
     ``exchange`` is how its contacts feel each other: solved together at each step ("implicit"), by
     the forces of the step before ("lagged"), or not at all ("none": a plane at z = 0).
@@ -29,7 +42,7 @@ class Substrate:
     coupling: str = "finite"
     exchange: str = "implicit"
     residual: float = parameter("-", "of the coupled solve", default=1e-6, above=0.0, below=1.0)
-    layer: None = None
+    layer: Layer | None = None
     relaxation: None = None
     force_lagged: bool = False
 
@@ -39,19 +52,37 @@ class Substrate:
             material_problem(self.material),
             _choice_problem("coupling", self.coupling, COUPLINGS),
             _choice_problem("exchange", self.exchange, EXCHANGES),
-            _not_yet("layer", self.layer, "a layer is"),
+            _kind_problem("layer", self.layer, Layer),
+            self._plane_problem("layer"),
             _not_yet("relaxation", self.relaxation, "relaxation is"),
             _flag_problem("force_lagged", self.force_lagged),
             name="substrate",
         )
 
+    @property
+    def homogeneous(self) -> bool:
+        """Whether it is an elastic half-space and nothing else, which a kernel can solve for."""
+        return self.layer is None
+
     def faces(self) -> list[Face]:
         """The undeformed surface, as a boundary gives its faces."""
         return [(np.zeros(3), np.array([0.0, 0.0, 1.0]))]
 
+    def _plane_problem(self, name: str) -> Problem | None:
+        """A plane has no depth."""
+        if self.exchange != "none" or getattr(self, name) is None:
+            return None
+        return Problem(name, None, "must be left out with exchange = 'none', a plane")
+
 
 def _choice_problem(name: str, value: Any, known: tuple[str, ...]) -> Problem | None:
     return None if value in known else unknown(name, value, value, known, "choice")
+
+
+def _kind_problem(name: str, value: Any, kind: type) -> Problem | None:
+    if value is None or isinstance(value, kind):
+        return None
+    return Problem(name, value, f"must be a {kind.__name__} or None")
 
 
 def _flag_problem(name: str, value: Any) -> Problem | None:

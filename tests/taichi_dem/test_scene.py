@@ -215,7 +215,7 @@ def test_faces_are_points_and_unit_normals_into_the_domain():
                 "known: finite, point",
                 "substrate.exchange = laged: unknown choice; did you mean 'lagged'? "
                 "known: implicit, lagged, none",
-                "substrate.layer = 1: a layer is not available yet: must be None",
+                "substrate.layer = 1: must be a Layer or None",
                 "substrate.relaxation = 2: relaxation is not available yet: must be None",
             ],
         ),

@@ -10,7 +10,7 @@ from typing import Any
 _HOMES = {
     "taichi_dem.validation": ("InputError",),
     "taichi_dem.scene": ("Box", "Material", "Piston", "Plane", "Scene", "Spheres"),
-    "taichi_dem.substrate": ("Layer", "Substrate"),
+    "taichi_dem.substrate": ("Layer", "Relaxation", "Substrate"),
     "taichi_dem.contacts.cdt": ("CDT",),
     "taichi_dem.contacts.cdt_jkr": ("CDTJKR",),
     "taichi_dem.contacts.eepa": ("EEPA",),

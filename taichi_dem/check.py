@@ -152,11 +152,8 @@ def _coupling(substrate: Any) -> str:
         "step before",
         "none": "contacts do not feel each other: an elastic plane",
     }
-    text = coupled[substrate.exchange]
-    if (layer := substrate.layer) is not None:
-        held = {"bonded": "bonded to", "frictionless": "sliding on"}[layer.base]
-        text += f"; a layer of {quantity(layer.thickness, 'm')} {held} a rigid base"
-    return text
+    on_host = "" if substrate.homogeneous else ", on the host"
+    return coupled[substrate.exchange] + on_host
 
 
 def _output(plan: Run, simulated: float) -> str:

@@ -11,6 +11,7 @@ from taichi_dem import guards
 from taichi_dem.boundaries import Boundaries
 from taichi_dem.contact_list import ContactList
 from taichi_dem.control import OVERPRESSED, STALE, TOO_DEEP, UNSOLVED, Control
+from taichi_dem.creep import Creep
 from taichi_dem.drivers import Drivers
 from taichi_dem.effects import Effects
 from taichi_dem.energy import Energy
@@ -73,7 +74,9 @@ class Engine:
             table.place(builder)
         self._soil = place[scene.substrate.material] if scene.substrate else -1
         self.exchange = self._make_exchange(builder)
-        self._hosted = HostedExchange(self.exchange) if self.exchange is not None else None
+        self._hosted = None
+        if self.exchange is not None and scene.substrate is not None:
+            self._hosted = HostedExchange(self.exchange, scene.substrate.relaxation)
         self.lag = None
         if self.exchange is not None and self.exchange.lagged:
             self.lag = LaggedWatch(self.exchange)
@@ -120,7 +123,7 @@ class Engine:
         self._keep_good_state()
         self._stop_at_nonsense()
         self.rebuild(remember=False)
-        self._solve_on_host()
+        self._solve_on_host(0.0)
         self._note_stored()
         self.drivers.evaluate(0.0)
         self.drivers.note_pushes()
@@ -147,7 +150,7 @@ class Engine:
             if self.lag is not None:
                 self._watch_lag(self.lag, step)
                 until = min(until, self.lag.next)
-            self._solve_on_host()
+            self._solve_on_host(self.time_step)
             if step == last:
                 break
             step += self._make_steps(until - step)
@@ -165,6 +168,11 @@ class Engine:
         return self.pace.advance(most, ways)
 
     @property
+    def creep(self) -> Creep | None:
+        """What a ground that creeps remembers."""
+        return None if self._hosted is None else self._hosted.creep
+
+    @property
     def _host(self) -> HostedExchange | None:
         """Who solves for the contacts with the substrate, if they are too many for the kernel."""
         hosted = self._hosted
@@ -178,9 +186,9 @@ class Engine:
         if lag.diverges and not self.scene.substrate.force_lagged:  # type: ignore[union-attr]
             self._stop(lag.reason(), None)
 
-    def _solve_on_host(self) -> None:
+    def _solve_on_host(self, time_step: float) -> None:
         if self._host is not None:
-            self._host.update(self.contacts)
+            self._host.update(self.contacts, time_step)
 
     def _note_stored(self) -> None:
         """What the surface holds; the solve in the kernel says so at every step."""
@@ -232,9 +240,11 @@ class Engine:
         self.control.flags.fill(0)
         if self.exchange is not None:
             self.exchange.forget()
+        if self.creep is not None:
+            self.creep.restore(good["creep"])
         self.skin.start_again(good["step"])
         self.rebuild(remember=False)
-        self._solve_on_host()
+        self._solve_on_host(0.0)
         self.drivers.evaluate(0.0)
         self.lost = good["lost"] - self.energy.loss(False)
         raise SimulationStopped(f"at t = {when:.6g} s {why}.", row, good)
@@ -249,6 +259,7 @@ class Engine:
             "omega": state["omega"],
             "motion": self.boundaries.read(),
             "lost": self.lost + self.energy.loss(False),
+            "creep": None if self.creep is None else self.creep.save(),
         }
 
     # -- lists -----------------------------------------------------------------------------------

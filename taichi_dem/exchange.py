@@ -323,7 +323,8 @@ class Exchange:
         sunk = solver.overlap[k] - solver.reached(k)  # by the sums, to rounding
         if solver.live[k] == 0:
             solver.effective[k] = solver.overlap[k] - sunk
-        self.receive(i, solver.effective[k] - solver.overlap[k], sunk, force, slope)
+        expansion = solver.effective[k] - solver.overlap[k]
+        self.receive(i, solver.effective[k], expansion, sunk, force, slope)
         ground = self.ground[i]
         if solver.live[k] != 0 and ground.age > 1:
             for step in ti.static(range(DRIFTS - 1, 0, -1)):
@@ -362,9 +363,9 @@ class Exchange:
         return self.particles.body[i].radius * vec2(slope_x, slope_y)
 
     @ti.func
-    def receive(self, i, expansion, sunk, force, slope):
-        """Keep what came back for particle ``i``, and watch the assumptions; ``sunk`` is what
-        -``expansion`` is to within the residual."""
+    def receive(self, i, depth, expansion, sunk, force, slope):
+        """Keep what came back for particle ``i``, and watch the assumptions; ``depth`` is how deep
+        the contact is, ``sunk`` what -``expansion`` is to within the residual."""
         ground = self.ground[i]
         for step in ti.static(range(PAST - 1, 0, -1)):
             ground.past[step] = ground.past[step - 1]
@@ -381,7 +382,7 @@ class Exchange:
         if overlap > 0.0:
             if ground.touched == 0 and -body.velocity[2] > FAST_IMPACT * self.wave_speed[None]:
                 self.noticed[0] += 1
-            if overlap > WIDE_CONTACT**2 * body.radius and ground.touched & WIDE == 0:
+            if depth > WIDE_CONTACT**2 * body.radius and ground.touched & WIDE == 0:
                 self.noticed[1] += 1
                 ground.touched |= WIDE
             ground.touched |= TOUCHED

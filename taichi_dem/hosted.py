@@ -2,12 +2,16 @@
 for all substrates that the kernel does not know.
 """
 
+from typing import Any
+
 import numpy as np
 
 import halfspace
 from taichi_dem.contact_list import ContactList
 from taichi_dem.control import UNSOLVED
+from taichi_dem.creep import Creep, Pressed
 from taichi_dem.exchange import Exchange
+from taichi_dem.substrate import Relaxation
 from taichi_dem.types import ti, vec2
 
 
@@ -15,17 +19,21 @@ from taichi_dem.types import ti, vec2
 class HostedExchange:
     """Does for ``exchange`` what its in-kernel solve does, by ``halfspace``."""
 
-    def __init__(self, exchange: Exchange):
+    def __init__(self, exchange: Exchange, relaxation: Relaxation | None):
         self.exchange, self.particles = exchange, exchange.particles
         self._plan: halfspace.Plan | None = None  # of the sums, kept from step to step
+        self.creep = None if relaxation is None else Creep(exchange.halfspace, relaxation)
 
     def restart(self) -> None:
         """Begin anew, with sums that know nothing of those before."""
         self.exchange.restart()
         self._plan = None
+        if self.creep is not None:
+            self.creep.forget()
 
-    def update(self, contacts: ContactList) -> None:
-        """Expansions and slopes for where the particles are now."""
+    def update(self, contacts: ContactList, time_step: float) -> None:
+        """Expansions and slopes for where the particles are now, ``time_step``, s, after the last
+        ones."""
         exchange, n = self.exchange, self.exchange.count
         opening = np.empty(n)
         self._settle(n, contacts, opening)
@@ -39,27 +47,37 @@ class HostedExchange:
             sunk, slope = self._plan.displacement(before, _hertz_radius(before, radius, modulus))
             effective = overlap - sunk - (shift**2).sum(axis=1) / (2 * radius)
             force = self._law(effective)[0]
-        else:
-            try:
+            self._take(n, effective, effective - overlap, force, slope)
+            return
+        common: dict[str, Any] = {"residual": exchange.residual, "plan": self._plan}
+        creep = self.creep
+        try:
+            if creep is None:
                 result = halfspace.solve(
                     exchange.halfspace,
                     place,
                     overlap,
                     self._law,
-                    residual=exchange.residual,
                     start=overlap - expected,
                     opening=opening,
-                    plan=self._plan,
                     radius=radius,
                     modulus=modulus,
                     shift=shift,
+                    **common,
                 )
-            except halfspace.NotConverged as error:
-                exchange.control.flags[UNSOLVED] = 1
-                result = error.state
-            effective, force, slope = result.overlap, result.force, result.slope
-            exchange.solver.applications[None] += result.applications
-        self._take(n, effective - overlap, force, slope)
+            else:
+                spheres = Pressed(self._ids(), radius, modulus)
+                given = place, overlap, expected, self._law, time_step
+                result = creep.solve(spheres, *given, **common)
+        except halfspace.NotConverged as error:
+            exchange.control.flags[UNSOLVED] = 1
+            result = error.state
+        exchange.solver.applications[None] += result.applications
+        depth = effective = result.overlap
+        if creep is not None:
+            effective = creep.accept(spheres, overlap, result, time_step)
+            depth = creep.depth(spheres, result.force)
+        self._take(n, depth, effective - overlap, result.force, result.slope)
 
     def note_energy(self) -> None:
         """Write down what is stored in the surface: more work than every step should do."""
@@ -68,9 +86,16 @@ class HostedExchange:
         overlap, expected, force, radius, modulus = np.empty((5, n))
         self._send(n, place, shift, overlap, expected, force, radius, modulus)
         assert self._plan is not None
-        a = _hertz_radius(force, radius, modulus)
-        stored = force * self._plan.apply(force, a) - self._plan.energy(force, a)
+        if self.creep is not None:
+            stored = self.creep.stored(Pressed(self._ids(), radius, modulus), force, self._plan)
+        else:
+            a = _hertz_radius(force, radius, modulus)
+            stored = force * self._plan.apply(force, a) - self._plan.energy(force, a)
         self._store(n, stored)
+
+    def _ids(self) -> np.ndarray:
+        """Of the members, (n,), in the user's order."""
+        return self.exchange.enrolled.to_numpy()[: self.exchange.count]
 
     def _law(self, overlap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         force, tangent = np.empty((2, len(overlap)))
@@ -121,6 +146,7 @@ class HostedExchange:
     def _take(
         self,
         n: ti.i32,
+        depth: ti.types.ndarray(),
         expansion: ti.types.ndarray(),
         force: ti.types.ndarray(),
         slope: ti.types.ndarray(),
@@ -129,7 +155,7 @@ class HostedExchange:
         for k in range(n):
             i = self.exchange.members[k]
             fall = vec2(slope[k, 0], slope[k, 1])
-            self.exchange.receive(i, expansion[k], -expansion[k], force[k], fall)
+            self.exchange.receive(i, depth[k], expansion[k], -expansion[k], force[k], fall)
 
     @ti.kernel
     def _store(self, n: ti.i32, stored: ti.types.ndarray()):

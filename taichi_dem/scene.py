@@ -45,6 +45,7 @@ class Scene:
         problems = [*self._kind_problems(), *set_vectors(self, "gravity")]
         problems.append(_not_yet("period", self.period, "periodic sides are"))
         problems += self._surface_problems()
+        problems += self._creep_problems()
         if not any(problems):
             object.__setattr__(self, "boundaries", tuple(self.boundaries))
             problems += self._name_problems()
@@ -105,6 +106,15 @@ class Scene:
             "spheres and ground that both rise are not solved together yet"
         )
         return [Problem("substrate.exchange", substrate.exchange, rule)]
+
+    def _creep_problems(self) -> list[Problem]:
+        """A law of which nobody knows what share of its compliance creeps with the ground."""
+        normal, substrate = getattr(self.law, "normal", None), self.substrate
+        creeps = isinstance(substrate, Substrate) and substrate.relaxation is not None
+        if not creeps or getattr(normal, "of_two_solids", False):
+            return []
+        rule = "must be Hertz with relaxation, which makes the ground's share of a contact creep"
+        return [Problem("law.normal", normal, rule)]
 
     def _name_problems(self) -> list[Problem]:
         names = [material.name for material in self.materials]

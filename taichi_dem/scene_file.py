@@ -13,7 +13,7 @@ from taichi_dem.material import Material
 from taichi_dem.scene import Scene
 from taichi_dem.shapes import BOUNDARIES
 from taichi_dem.spheres import Spheres
-from taichi_dem.substrate import Layer, Substrate
+from taichi_dem.substrate import Layer, Relaxation, Substrate
 from taichi_dem.tables import Tables, override, plain
 from taichi_dem.toml_text import toml_text
 from taichi_dem.validation import InputError, Problem, parameter, unknown, validate
@@ -103,6 +103,7 @@ class _Reader(Tables):
             convert={
                 "material": self.material,
                 "layer": lambda table, path: self.build(Layer, table, path),
+                "relaxation": lambda table, path: self.build(Relaxation, table, path),
             }
         )
         self.folder, self.laws = folder, laws

@@ -13,6 +13,8 @@ import numpy as np
 
 from halfspace import backend
 from taichi_dem.contact_list import FIRST_FACE, SUBSTRATE
+from taichi_dem.contacts.elasticity import effective_youngs_modulus
+from taichi_dem.creep import Pressed
 from taichi_dem.effects import Effects, effects_of
 from taichi_dem.engine import Engine
 from taichi_dem.exchange import ground_of
@@ -318,15 +320,28 @@ class Simulation:
         slope = np.zeros((len(rows), 2))
         if self._engine.exchange is not None:
             force, expansion, slope = (values[rows] for values in self._engine.exchange.read())
+        load, overlap, creep = force, records["overlap"], self._engine.creep
+        if creep is not None:
+            load = creep.load(rows, force)
+            overlap = creep.depth(self._pressed(rows), force)
         return SubstrateState(
             particle=rows,
             position=self.particles.position[rows, :2],
             force=force,
             expansion=expansion,
             slope=slope,
-            contact_radius=self._contact_radius(rows, records["overlap"]),
+            contact_radius=self._contact_radius(rows, overlap),
+            load=load,
             ground=self._ground,
         )
+
+    def _pressed(self, rows: np.ndarray) -> Pressed:
+        """The spheres ``rows`` on the ground."""
+        spheres, ground = self.scene.spheres, self.scene.substrate
+        assert ground is not None
+        moduli = [effective_youngs_modulus(kind, ground.material) for kind in spheres.materials]
+        which = spheres.material_index[rows]
+        return Pressed(rows, spheres.radius[rows], np.array(moduli)[which])
 
     def _contact_radius(self, rows: np.ndarray, overlap: np.ndarray) -> np.ndarray:
         """Of contacts of the spheres ``rows`` with the substrate, m."""

@@ -1,8 +1,9 @@
-"""The ground of a scene: an elastic half-space or layer, and how its contacts are solved for."""
+"""The ground of a scene: half-space or layer, elastic or creeping, and how it is solved for."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,21 @@ class Layer:
 
 
 @dataclasses.dataclass(frozen=True)
+class Relaxation:
+    """What makes the ground creep: the standard linear solid, with the material's Young's modulus
+    at once and ``relaxed_modulus`` at rest; under a constant load the depression approaches its end
+    with ``retardation_time``."""
+
+    relaxed_modulus: float = parameter("Pa", "Young's modulus at rest", above=0.0)
+    retardation_time: float = parameter("s", "time of creep under a constant load", above=0.0)
+
+    def __post_init__(self) -> None:
+        validate(self, name="relaxation")
+
+
+@dataclasses.dataclass(frozen=True)
 class Substrate:
-    """The elastic half-space z < 0, or a ``layer`` of it.
+    """The elastic half-space z < 0, or a ``layer`` of it; with ``relaxation`` it creeps.
 
     ``exchange`` is how its contacts feel each other: solved together at each step ("implicit"), by
     the forces of the step before ("lagged"), or not at all ("none": a plane at z = 0).
@@ -43,7 +57,7 @@ class Substrate:
     exchange: str = "implicit"
     residual: float = parameter("-", "of the coupled solve", default=1e-6, above=0.0, below=1.0)
     layer: Layer | None = None
-    relaxation: None = None
+    relaxation: Relaxation | None = None
     force_lagged: bool = False
 
     def __post_init__(self) -> None:
@@ -54,7 +68,9 @@ class Substrate:
             _choice_problem("exchange", self.exchange, EXCHANGES),
             _kind_problem("layer", self.layer, Layer),
             self._plane_problem("layer"),
-            _not_yet("relaxation", self.relaxation, "relaxation is"),
+            _kind_problem("relaxation", self.relaxation, Relaxation),
+            self._plane_problem("relaxation"),
+            *self._relaxation_problems(),
             _flag_problem("force_lagged", self.force_lagged),
             name="substrate",
         )
@@ -62,7 +78,7 @@ class Substrate:
     @property
     def homogeneous(self) -> bool:
         """Whether it is an elastic half-space and nothing else, which a kernel can solve for."""
-        return self.layer is None
+        return self.layer is None and self.relaxation is None
 
     def faces(self) -> list[Face]:
         """The undeformed surface, as a boundary gives its faces."""
@@ -73,6 +89,24 @@ class Substrate:
         if self.exchange != "none" or getattr(self, name) is None:
             return None
         return Problem(name, None, "must be left out with exchange = 'none', a plane")
+
+    def _relaxation_problems(self) -> Iterator[Problem]:
+        """What does not go together with creep."""
+        if not isinstance(self.relaxation, Relaxation):
+            return
+        if isinstance(self.material, Material):
+            most, relaxed = self.material.youngs_modulus, self.relaxation.relaxed_modulus
+            if relaxed > most:
+                rule = f"must be <= {most:g} Pa, the modulus of {self.material.name} at once"
+                yield Problem("relaxation.relaxed_modulus", relaxed, rule)
+        if self.coupling == "finite":
+            rule = (
+                "must be 'point' with relaxation, which has no theory for contacts of finite size"
+            )
+            yield Problem("coupling", self.coupling, rule)
+        if self.exchange == "lagged":
+            rule = "must be 'implicit' with relaxation, which is solved for as it passes"
+            yield Problem("exchange", self.exchange, rule)
 
 
 def _choice_problem(name: str, value: Any, known: tuple[str, ...]) -> Problem | None:
@@ -87,8 +121,3 @@ def _kind_problem(name: str, value: Any, kind: type) -> Problem | None:
 
 def _flag_problem(name: str, value: Any) -> Problem | None:
     return None if isinstance(value, bool) else Problem(name, value, "must be true or false")
-
-
-def _not_yet(name: str, value: Any, what: str) -> Problem | None:
-    rule = f"{what} not available yet: must be None"
-    return None if value is None else Problem(name, value, rule)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from taichi_dem.scene import Box, Material, Piston, Plane, Scene, Spheres, Substrate
 from taichi_dem.scene_file import Run, read, write
-from taichi_dem.substrate import BASES, Layer
+from taichi_dem.substrate import BASES, Layer, Relaxation
 from taichi_dem.tables import override
 from taichi_dem.toml_text import toml_text
 from taichi_dem.validation import InputError, parameter, validate
@@ -279,6 +279,15 @@ def test_all_mistakes_are_reported_at_once_with_their_keys(path):
             ],
         ),
         (
+            ["substrate.relaxation.relaxed_modulus=0"],
+            [
+                "substrate.relaxation.retardation_time: is missing; must be > 0 s (time of creep "
+                "under a constant load)",
+                "substrate.relaxation.relaxed_modulus = 0: must be > 0 Pa (Young's modulus at "
+                "rest)",
+            ],
+        ),
+        (
             ["substrate.layer.thickness=1e-3", "substrate.exchange=none"],
             ["substrate.layer: must be left out with exchange = 'none', a plane"],
         ),
@@ -399,6 +408,23 @@ def test_round_trip_is_exact(tmp_path_factory, scene, run):
     path = tmp_path_factory.mktemp("scene") / "scene.toml"
     write(path, scene, run)
     assert read(path, laws=LAWS) == (scene, run)
+
+
+@settings(max_examples=20)
+@given(floats(1, 1e6), floats(0.01, 1), floats(1e-6, 1e6), st.none() | floats(1e-6, 1e6))
+def test_round_trip_of_ground_that_creeps(tmp_path_factory, modulus, share, time, thickness):
+    from taichi_dem.contacts.hertz import Hertz
+    from taichi_dem.contacts.law import Law
+
+    soil = dataclasses.replace(GEL, youngs_modulus=modulus)
+    layer = None if thickness is None else Layer(thickness)
+    relaxation = Relaxation(min(share * modulus, modulus), time)
+    ground = Substrate(soil, coupling="point", layer=layer, relaxation=relaxation)
+    spheres = Spheres([[0.0, 0.0, 1.0]], 0.5, GLASS)
+    scene = Scene(spheres=spheres, substrate=ground, law=Law(Hertz(0.5)))
+    path = tmp_path_factory.mktemp("scene") / "scene.toml"
+    write(path, scene)
+    assert read(path)[0] == scene
 
 
 def test_many_spheres_go_to_a_file_beside_the_scene(tmp_path):

@@ -30,8 +30,9 @@ DRIFTS = 3
 FAST_IMPACT = 0.1  # of the substrate's shear wave speed: beyond, it is not quasi-static
 WIDE_CONTACT = 0.3  # contact radius over sphere radius: beyond, strains are not small
 HELD_BEYOND = 2.0  # times its opening: as far a contact holds that opens while others are solved
+WIDE_FOR_LAYER = {"finite": 0.4, "point": 0.2}  # of its thickness: beyond, forces err by a percent
 CLOSE_POINTS = 6.0  # contact radii: closer, a contact is not a point for its neighbours
-TOUCHED, WIDE, CLOSE = 1, 2, 4  # what has been noticed of a contact since it was made
+TOUCHED, WIDE, CLOSE, OUTGROWN = 1, 2, 4, 8  # what has been noticed of a contact since it was made
 
 past_values = ti.types.vector(PAST, real)
 past_drifts = ti.types.vector(DRIFTS, real)
@@ -94,7 +95,9 @@ class Exchange:
         self.normal, self.table, self.material = law.normal, coefficients.table, material
         self.lagged, self.finite = substrate.exchange == "lagged", substrate.coupling == "finite"
         self.halfspace = ground_of(substrate)
-        self.in_kernel = substrate.homogeneous
+        self.in_kernel, self.layered = substrate.homogeneous, substrate.layer is not None
+        if self.layered:
+            self._widest = WIDE_FOR_LAYER[substrate.coupling] * substrate.layer.thickness
         self.residual = max(substrate.residual, ROUND_OFF)
         self._soil, self._materials = substrate.material, materials
 
@@ -117,7 +120,7 @@ class Exchange:
             fields.append(self.held)
         for field in fields:
             builder.dense(ti.i, n).place(field)
-        builder.dense(ti.i, 3).place(self.noticed)
+        builder.dense(ti.i, 4).place(self.noticed)
         builder.dense(ti.i, len(materials)).place(self.softness)
         builder.place(self.wave_speed, self.on_host)
         most = IN_KERNEL_CONTACTS if self.in_kernel else 1
@@ -183,8 +186,8 @@ class Exchange:
 
     def counts(self) -> dict[str, int]:
         """How often so far the half-space's assumptions did not hold: impacts too fast, contacts
-        too wide, points too close."""
-        names = ("fast_impacts", "wide_contacts", "close_points")
+        too wide, points too close, contacts too wide for a layer."""
+        names = ("fast_impacts", "wide_contacts", "close_points", "wide_for_layer")
         return {name: int(self.noticed[k]) for k, name in enumerate(names)}
 
     def read(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -385,6 +388,11 @@ class Exchange:
             if depth > WIDE_CONTACT**2 * body.radius and ground.touched & WIDE == 0:
                 self.noticed[1] += 1
                 ground.touched |= WIDE
+            if ti.static(self.layered):
+                limit = ti.static(self._widest * self._widest)
+                if depth * body.radius > limit and ground.touched & OUTGROWN == 0:
+                    self.noticed[3] += 1
+                    ground.touched |= OUTGROWN
             ground.touched |= TOUCHED
         else:
             ground.touched = 0

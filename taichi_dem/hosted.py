@@ -2,7 +2,8 @@
 for all substrates that the kernel does not know.
 """
 
-from typing import Any
+import warnings
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,25 @@ from taichi_dem.creep import Creep, Pressed
 from taichi_dem.exchange import Exchange
 from taichi_dem.substrate import Relaxation
 from taichi_dem.types import ti, vec2
+
+
+class Members(NamedTuple):
+    """Spheres near the surface: place (n, 2) m; shift (n, 2) m, where they are expected to touch,
+    seen from there; overlap with the undeformed surface, expected displacement of it, m; force of
+    the last step, N; radius, m; contact modulus E*, Pa; (n,) each."""
+
+    place: np.ndarray
+    shift: np.ndarray
+    overlap: np.ndarray
+    expected: np.ndarray
+    force: np.ndarray
+    radius: np.ndarray
+    modulus: np.ndarray
+
+    @property
+    def contact_radius(self) -> np.ndarray:
+        """Hertz's, (n,) m."""
+        return np.cbrt(0.75 * np.maximum(self.force, 0.0) * self.radius / self.modulus)
 
 
 @ti.data_oriented
@@ -34,64 +54,85 @@ class HostedExchange:
     def update(self, contacts: ContactList, time_step: float) -> None:
         """Expansions and slopes for where the particles are now, ``time_step``, s, after the last
         ones."""
-        exchange, n = self.exchange, self.exchange.count
-        opening = np.empty(n)
-        self._settle(n, contacts, opening)
-        place, shift = np.empty((n, 2)), np.zeros((n, 2))
-        overlap, expected, before, radius, modulus = np.empty((5, n))
-        self._send(n, place, shift, overlap, expected, before, radius, modulus)
+        now, opening = self._sent(), np.empty(self.exchange.count)
+        self._settle(len(opening), contacts, opening)
         if self._plan is None:
-            self._plan = exchange.halfspace.plan(place)
-        if exchange.lagged:
-            self._plan.refresh(place + shift)
-            sunk, slope = self._plan.displacement(before, _hertz_radius(before, radius, modulus))
-            effective = overlap - sunk - (shift**2).sum(axis=1) / (2 * radius)
-            force = self._law(effective)[0]
-            self._take(n, effective, effective - overlap, force, slope)
+            self._plan = self.exchange.halfspace.plan(now.place)
+        if self.exchange.lagged:
+            self._lagged(now, self._plan)
             return
-        common: dict[str, Any] = {"residual": exchange.residual, "plan": self._plan}
-        creep = self.creep
         try:
-            if creep is None:
-                result = halfspace.solve(
-                    exchange.halfspace,
-                    place,
-                    overlap,
-                    self._law,
-                    start=overlap - expected,
-                    opening=opening,
-                    radius=radius,
-                    modulus=modulus,
-                    shift=shift,
-                    **common,
-                )
-            else:
-                spheres = Pressed(self._ids(), radius, modulus)
-                given = place, overlap, expected, self._law, time_step
-                result = creep.solve(spheres, *given, **common)
+            with warnings.catch_warnings():  # the exchange says it itself, and counts
+                warnings.filterwarnings("ignore", ".*wide for a layer")
+                if self.creep is None:
+                    found = self._elastic(now, opening)
+                else:
+                    found = self._creeping(self.creep, now, time_step)
         except halfspace.NotConverged as error:
-            exchange.control.flags[UNSOLVED] = 1
-            result = error.state
-        exchange.solver.applications[None] += result.applications
-        depth = effective = result.overlap
-        if creep is not None:
-            effective = creep.accept(spheres, overlap, result, time_step)
-            depth = creep.depth(spheres, result.force)
-        self._take(n, depth, effective - overlap, result.force, result.slope)
+            self.exchange.control.flags[UNSOLVED] = 1
+            found = error.state
+        self.exchange.solver.applications[None] += found.applications
+        depth = effective = found.overlap
+        if self.creep is not None:
+            spheres = self._pressed(now)
+            effective = self.creep.accept(spheres, now.overlap, found, time_step)
+            depth = self.creep.depth(spheres, found.force)
+        self._take(len(depth), depth, effective - now.overlap, found.force, found.slope)
 
     def note_energy(self) -> None:
         """Write down what is stored in the surface: more work than every step should do."""
-        n = self.exchange.count
-        place, shift = np.empty((n, 2)), np.zeros((n, 2))
-        overlap, expected, force, radius, modulus = np.empty((5, n))
-        self._send(n, place, shift, overlap, expected, force, radius, modulus)
-        assert self._plan is not None
+        now, plan = self._sent(), self._plan
+        assert plan is not None
         if self.creep is not None:
-            stored = self.creep.stored(Pressed(self._ids(), radius, modulus), force, self._plan)
+            stored = self.creep.stored(self._pressed(now), now.force, plan)
         else:
-            a = _hertz_radius(force, radius, modulus)
-            stored = force * self._plan.apply(force, a) - self._plan.energy(force, a)
-        self._store(n, stored)
+            a = now.contact_radius
+            stored = now.force * plan.apply(now.force, a) - plan.energy(now.force, a)
+        self._store(len(stored), stored)
+
+    def _lagged(self, now: Members, plan: halfspace.Plan) -> None:
+        """The surface as the forces of the last step leave it."""
+        plan.refresh(now.place + now.shift)
+        sunk, slope = plan.displacement(now.force, now.contact_radius)
+        depth = now.overlap - sunk - (now.shift**2).sum(axis=1) / (2 * now.radius)
+        self._take(len(depth), depth, depth - now.overlap, self._law(depth)[0], slope)
+
+    def _elastic(self, now: Members, opening: np.ndarray) -> halfspace.Equilibrium:
+        return halfspace.solve(
+            self.exchange.halfspace,
+            now.place,
+            now.overlap,
+            self._law,
+            residual=self.exchange.residual,
+            start=now.overlap - now.expected,
+            opening=opening,
+            plan=self._plan,
+            radius=now.radius,
+            modulus=now.modulus,
+            shift=now.shift,
+        )
+
+    def _creeping(self, creep: Creep, now: Members, time_step: float) -> halfspace.Equilibrium:
+        return creep.solve(
+            self._pressed(now),
+            now.place,
+            now.overlap,
+            now.expected,
+            self._law,
+            time_step,
+            residual=self.exchange.residual,
+            plan=self._plan,
+        )
+
+    def _sent(self) -> Members:
+        """The members as they are now."""
+        n = self.exchange.count
+        now = Members(np.empty((n, 2)), np.zeros((n, 2)), *np.empty((5, n)))
+        self._send(n, *now)
+        return now
+
+    def _pressed(self, now: Members) -> Pressed:
+        return Pressed(self._ids(), now.radius, now.modulus)
 
     def _ids(self) -> np.ndarray:
         """Of the members, (n,), in the user's order."""
@@ -161,7 +202,3 @@ class HostedExchange:
     def _store(self, n: ti.i32, stored: ti.types.ndarray()):
         for k in range(n):
             self.exchange.ground[self.exchange.members[k]].stored = stored[k]
-
-
-def _hertz_radius(force: np.ndarray, radius: np.ndarray, modulus: np.ndarray) -> np.ndarray:
-    return np.cbrt(0.75 * np.maximum(force, 0.0) * radius / modulus)

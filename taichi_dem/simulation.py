@@ -39,6 +39,8 @@ WARNINGS = {
     "strains are not small",
     "close_points": "contacts with the substrate are closer than 6 of their radii: "
     'coupling="point" neglects their size, coupling="finite" does not',
+    "wide_for_layer": "a contact is wide for the thickness of the layer below it: beyond 0.4 of it "
+    "(0.2 for points) forces err by a percent and more",
     "lagged_exchange": "the lagged exchange is close to divergence, with a spectral radius above "
     '0.5: it damps some motions and feeds others; exchange="implicit" does not',
 }

@@ -1,6 +1,7 @@
 """Spheres on a layer of finite thickness: forces, energy, and the half-space as its limit."""
 
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
@@ -93,6 +94,19 @@ def test_energy_error_falls_by_four_per_halved_step(fresh):
         errors.append(np.abs(seen).max())
     assert np.allclose(order_of(errors), 2, atol=0.03)
     assert errors[-1] < 1e-3 * stored
+
+
+def test_contacts_too_wide_for_the_layer_are_warned_of(fresh):
+    """Once, and counted; the library does not say it again."""
+    position = fresh.scene.spheres.position.copy()
+    position[:3, 2] = 0.5 * R
+    restart(fresh, position, dt=1e-7)
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        fresh.run(steps=2)
+        fresh.run(steps=2)
+    assert len([w for w in seen if "layer" in str(w.message)]) == 1
+    assert fresh.warnings["wide_for_layer"] == 3
 
 
 def test_drivers_and_runs_give_the_same_bits(fresh, monkeypatch):

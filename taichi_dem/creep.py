@@ -36,6 +36,10 @@ class Pressed(NamedTuple):
         """H, N."""
         return self._strength * np.maximum(overlap, 0.0) ** 1.5
 
+    def law(self, overlap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """H, N, and its derivative, N/m."""
+        return self.force(overlap), 1.5 * self._strength * np.sqrt(np.maximum(overlap, 0.0))
+
     def overlap(self, force: np.ndarray) -> np.ndarray:
         """G, m."""
         return np.cbrt((force / self._strength) ** 2)
@@ -78,7 +82,6 @@ class Creep:
         place: np.ndarray,
         overlap: np.ndarray,
         expected: np.ndarray,
-        law: Any,
         time_step: float,
         residual: float,
         plan: halfspace.Plan,
@@ -91,7 +94,7 @@ class Creep:
         return self._soil.solve(
             place,
             overlap,
-            law,
+            spheres.law,
             time_step,
             ids=spheres.ids,
             share=self._share(spheres),

@@ -17,10 +17,11 @@ from taichi_dem.types import ti, vec2
 
 
 class Members(NamedTuple):
-    """Spheres near the surface: place (n, 2) m; shift (n, 2) m, where they are expected to touch,
-    seen from there; overlap with the undeformed surface, expected displacement of it, m; force of
-    the last step, N; radius, m; contact modulus E*, Pa; (n,) each."""
+    """Spheres near the surface: ids; place (n, 2) m; shift (n, 2) m, where they are expected to
+    touch, seen from there; overlap with the undeformed surface, expected displacement of it, m;
+    force of the last step, N; radius, m; contact modulus E*, Pa; (n,) each."""
 
+    ids: np.ndarray
     place: np.ndarray
     shift: np.ndarray
     overlap: np.ndarray
@@ -33,6 +34,11 @@ class Members(NamedTuple):
     def contact_radius(self) -> np.ndarray:
         """Hertz's, (n,) m."""
         return np.cbrt(0.75 * np.maximum(self.force, 0.0) * self.radius / self.modulus)
+
+    @property
+    def pressed(self) -> Pressed:
+        """What the ground's creep has to know of them."""
+        return Pressed(self.ids, self.radius, self.modulus)
 
 
 @ti.data_oriented
@@ -74,7 +80,7 @@ class HostedExchange:
         self.exchange.solver.applications[None] += found.applications
         depth = effective = found.overlap
         if self.creep is not None:
-            spheres = self._pressed(now)
+            spheres = now.pressed
             effective = self.creep.accept(spheres, now.overlap, found, time_step)
             depth = self.creep.depth(spheres, found.force)
         self._take(len(depth), depth, effective - now.overlap, found.force, found.slope)
@@ -84,7 +90,7 @@ class HostedExchange:
         now, plan = self._sent(), self._plan
         assert plan is not None
         if self.creep is not None:
-            stored = self.creep.stored(self._pressed(now), now.force, plan)
+            stored = self.creep.stored(now.pressed, now.force, plan)
         else:
             a = now.contact_radius
             stored = now.force * plan.apply(now.force, a) - plan.energy(now.force, a)
@@ -114,11 +120,10 @@ class HostedExchange:
 
     def _creeping(self, creep: Creep, now: Members, time_step: float) -> halfspace.Equilibrium:
         return creep.solve(
-            self._pressed(now),
+            now.pressed,
             now.place,
             now.overlap,
             now.expected,
-            self._law,
             time_step,
             residual=self.exchange.residual,
             plan=self._plan,
@@ -127,16 +132,9 @@ class HostedExchange:
     def _sent(self) -> Members:
         """The members as they are now."""
         n = self.exchange.count
-        now = Members(np.empty((n, 2)), np.zeros((n, 2)), *np.empty((5, n)))
+        now = Members(np.empty(n, np.int32), np.empty((n, 2)), np.zeros((n, 2)), *np.empty((5, n)))
         self._send(n, *now)
         return now
-
-    def _pressed(self, now: Members) -> Pressed:
-        return Pressed(self._ids(), now.radius, now.modulus)
-
-    def _ids(self) -> np.ndarray:
-        """Of the members, (n,), in the user's order."""
-        return self.exchange.enrolled.to_numpy()[: self.exchange.count]
 
     def _law(self, overlap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         force, tangent = np.empty((2, len(overlap)))
@@ -145,6 +143,7 @@ class HostedExchange:
 
     @ti.kernel
     def _settle(self, n: ti.i32, contacts: ti.template(), opening: ti.types.ndarray()):
+        ti.loop_config(serialize=self.particles.few)
         for k in range(n):
             opening[k] = self.exchange.settle(k, contacts)
 
@@ -152,6 +151,7 @@ class HostedExchange:
     def _send(
         self,
         n: ti.i32,
+        ids: ti.types.ndarray(),
         place: ti.types.ndarray(),
         shift: ti.types.ndarray(),
         overlap: ti.types.ndarray(),
@@ -160,9 +160,10 @@ class HostedExchange:
         radius: ti.types.ndarray(),
         modulus: ti.types.ndarray(),
     ):
+        ti.loop_config(serialize=self.particles.few)
         for k in range(n):
             i = self.exchange.members[k]
-            body = self.particles.body[i]
+            body, ids[k] = self.particles.body[i], self.particles.spin[i].id
             place[k, 0], place[k, 1] = body.position[0], body.position[1]
             overlap[k], radius[k] = body.radius - body.position[2], body.radius
             expected[k], force[k] = self.exchange.expected(i), self.exchange.ground[i].force
@@ -179,6 +180,7 @@ class HostedExchange:
         force: ti.types.ndarray(),
         tangent: ti.types.ndarray(),
     ):
+        ti.loop_config(serialize=self.particles.few)
         for k in range(n):
             answer = self.exchange.law(k, overlap[k])
             force[k], tangent[k] = answer[0], answer[1]
@@ -200,5 +202,6 @@ class HostedExchange:
 
     @ti.kernel
     def _store(self, n: ti.i32, stored: ti.types.ndarray()):
+        ti.loop_config(serialize=self.particles.few)
         for k in range(n):
             self.exchange.ground[self.exchange.members[k]].stored = stored[k]

@@ -295,6 +295,8 @@ class Engine:
             self.boundaries.enrol(self.contacts)
         if self.exchange is not None:
             self.exchange.enrol(self.contacts)
+            if self.creep is not None and not self.exchange.hosted:
+                self.creep.forget()  # nobody is near the ground
         self.control.flags[STALE] = 0
         self.rebuilds += 1
 

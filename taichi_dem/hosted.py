@@ -119,7 +119,7 @@ class HostedExchange:
         )
 
     def _creeping(self, creep: Creep, now: Members, time_step: float) -> halfspace.Equilibrium:
-        return creep.solve(
+        found = creep.solve(
             now.pressed,
             now.place,
             now.overlap,
@@ -128,6 +128,9 @@ class HostedExchange:
             residual=self.exchange.residual,
             plan=self._plan,
         )
+        assert self._plan is not None
+        self._plan.warn_of_points(np.sqrt(now.radius * np.maximum(found.overlap, 0.0)))
+        return found
 
     def _sent(self) -> Members:
         """The members as they are now."""

@@ -172,6 +172,13 @@ def test_a_guard_s_stop_brings_back_the_memory(sim):
     assert sim.energy()["dissipated"] == pytest.approx(lost, rel=1e-2)
 
 
+def test_points_too_close_for_that_are_warned_of(sim):
+    position = sim.scene.spheres.position.copy()
+    position[:, 2] = 0.7 * R
+    with pytest.warns(UserWarning, match="below 6 radii"):
+        restart(creeping(sim), position, dt=1e-7).run(steps=1)
+
+
 def test_a_sphere_that_leaves_forgets(sim):
     creeping(sim).run(steps=60)
     creep = sim._engine._hosted.creep

@@ -9,7 +9,8 @@ from typing import Any
 
 _HOMES = {
     "taichi_dem.validation": ("InputError",),
-    "taichi_dem.scene": ("Box", "Material", "Piston", "Plane", "Scene", "Spheres", "Substrate"),
+    "taichi_dem.scene": ("Box", "Material", "Piston", "Plane", "Scene", "Spheres"),
+    "taichi_dem.substrate": ("Layer", "Relaxation", "Substrate"),
     "taichi_dem.contacts.cdt": ("CDT",),
     "taichi_dem.contacts.cdt_jkr": ("CDTJKR",),
     "taichi_dem.contacts.eepa": ("EEPA",),

@@ -152,7 +152,8 @@ def _coupling(substrate: Any) -> str:
         "step before",
         "none": "contacts do not feel each other: an elastic plane",
     }
-    return coupled[substrate.exchange]
+    on_host = "" if substrate.homogeneous else ", on the host"
+    return coupled[substrate.exchange] + on_host
 
 
 def _output(plan: Run, simulated: float) -> str:

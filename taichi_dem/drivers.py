@@ -19,7 +19,8 @@ from taichi_dem.types import ti
 
 @ti.data_oriented
 class Drivers:
-    """Kernels that move a simulation on; ``exchange`` is the coupled substrate or None."""
+    """Kernels that move a simulation on; ``exchange`` is the coupled substrate or None, of which
+    nothing is compiled here if it is always solved for on the host."""
 
     def __init__(
         self,
@@ -32,7 +33,8 @@ class Drivers:
     ):
         self.meeting = meeting
         self.forces, self.verlet, self.boundaries = forces, verlet, boundaries
-        self.exchange, self.has_exchange = exchange, exchange is not None
+        self.exchange = exchange
+        self.has_exchange = exchange is not None and exchange.in_kernel
         self.particles, self.contacts = forces.particles, forces.contacts
         self.control = control
         self.moves = boundaries.any_moves

@@ -60,6 +60,7 @@ def effects_of(scene: Scene, energy_balance: bool = True) -> Effects:
         *(["damping"] if any(normal.restitution < 1 for normal, *_ in normals) else []),
         *(["yielding and parting"] if any(normal.plastic for normal, *_ in normals) else []),
         *(["rolling"] if law.rolling is not None else []),
+        *(["creep of the ground"] if _creeps(scene) else []),
     ]
     history = {name: kind for part in law.parts().values() for name, kind in part.history}
     found: dict[str, Any] = {
@@ -67,7 +68,8 @@ def effects_of(scene: Scene, energy_balance: bool = True) -> Effects:
         "rolling": law.rolling is not None,
         "history": history,
         "reach": _reach(scene),
-        "plastic": energy_balance and any(normal.plastic for normal, *_ in normals),
+        "plastic": energy_balance
+        and (any(normal.plastic for normal, *_ in normals) or _creeps(scene)),
         "losses": energy_balance and bool(losing),
         "balanced": energy_balance or not losing,
         "asks_for": frozenset(
@@ -81,6 +83,10 @@ def _normal_laws(scene: Scene) -> Iterator[tuple[Any, Any, Any]]:
     for a in scene.materials:
         for b in scene.materials:
             yield scene.law.between("normal", a.name, b.name), a, b
+
+
+def _creeps(scene: Scene) -> bool:
+    return scene.substrate is not None and scene.substrate.relaxation is not None
 
 
 def _reach(scene: Scene) -> float:
@@ -133,3 +139,24 @@ def _listed(
         bool(moving),
         f"boundary {', '.join(moving)}" if moving else "no boundary moves",
     )
+    yield from _ground(scene)
+
+
+def _ground(scene: Scene) -> Iterator[Effect]:
+    """What the substrate has beside a half-space's elasticity."""
+    layer = scene.substrate.layer if scene.substrate else None
+    if layer is None:
+        yield Effect("layer", False, "nothing lies on a rigid base")
+    else:
+        held = "bonded to" if layer.base == "bonded" else "sliding on"
+        yield Effect("layer", True, f"{layer.thickness:.3g} m, {held} a rigid base")
+    relaxation = scene.substrate.relaxation if scene.substrate else None
+    if relaxation is None:
+        yield Effect("relaxation", False, "the ground does not creep")
+    else:
+        yield Effect(
+            "relaxation",
+            True,
+            f"the ground creeps to {relaxation.relaxed_modulus:.3g} Pa in "
+            f"{relaxation.retardation_time:.3g} s; all work of contacts is booked",
+        )

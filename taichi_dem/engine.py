@@ -11,6 +11,7 @@ from taichi_dem import guards
 from taichi_dem.boundaries import Boundaries
 from taichi_dem.contact_list import ContactList
 from taichi_dem.control import OVERPRESSED, STALE, TOO_DEEP, UNSOLVED, Control
+from taichi_dem.creep import Creep
 from taichi_dem.drivers import Drivers
 from taichi_dem.effects import Effects
 from taichi_dem.energy import Energy
@@ -23,6 +24,7 @@ from taichi_dem.grid import Grid, best_cell_size
 from taichi_dem.guards import SimulationStopped
 from taichi_dem.hosted import HostedExchange
 from taichi_dem.integrate import Verlet
+from taichi_dem.lagged import LaggedWatch
 from taichi_dem.meeting import Meeting
 from taichi_dem.neighbors import Neighbors
 from taichi_dem.pace import Pace, Skin
@@ -72,7 +74,12 @@ class Engine:
             table.place(builder)
         self._soil = place[scene.substrate.material] if scene.substrate else -1
         self.exchange = self._make_exchange(builder)
-        self._hosted = HostedExchange(self.exchange) if self.exchange is not None else None
+        self._hosted = None
+        if self.exchange is not None and scene.substrate is not None:
+            self._hosted = HostedExchange(self.exchange, scene.substrate.relaxation)
+        self.lag = None
+        if self.exchange is not None and self.exchange.lagged:
+            self.lag = LaggedWatch(self.exchange)
         self._trees = [builder.finalize()]
         weakref.finalize(self, _destroy, self._trees)
         self.control.fill(time_step, scene.gravity, max_overlap)
@@ -101,8 +108,10 @@ class Engine:
         self.control.restart(time_step)
         self.particles.fill(spheres)
         self.boundaries.fill(self._place)
-        if self.exchange is not None:
-            self.exchange.restart()
+        if self._hosted is not None:
+            self._hosted.restart()
+        if self.lag is not None:
+            self.lag.restart()
         self.skin.restart()
         self.grid.cell_size[None] = self._set_skin()
         self.energy.loss(True)
@@ -114,7 +123,7 @@ class Engine:
         self._keep_good_state()
         self._stop_at_nonsense()
         self.rebuild(remember=False)
-        self._solve_on_host()
+        self._solve_on_host(0.0)
         self._note_stored()
         self.drivers.evaluate(0.0)
         self.drivers.note_pushes()
@@ -137,10 +146,14 @@ class Engine:
             self._answer()
             if step >= self.skin.review:
                 self.rebuild()
-            self._solve_on_host()
+            until = min(last, self.skin.review)
+            if self.lag is not None:
+                self._watch_lag(self.lag, step)
+                until = min(until, self.lag.next)
+            self._solve_on_host(self.time_step)
             if step == last:
                 break
-            step += self._make_steps(min(last, self.skin.review) - step)
+            step += self._make_steps(until - step)
         self.drivers.evaluate(self.time_step)
         self.drivers.finish()
         self._guard()
@@ -155,14 +168,27 @@ class Engine:
         return self.pace.advance(most, ways)
 
     @property
+    def creep(self) -> Creep | None:
+        """What a ground that creeps remembers."""
+        return None if self._hosted is None else self._hosted.creep
+
+    @property
     def _host(self) -> HostedExchange | None:
         """Who solves for the contacts with the substrate, if they are too many for the kernel."""
         hosted = self._hosted
         return hosted if hosted is not None and hosted.exchange.hosted else None
 
-    def _solve_on_host(self) -> None:
+    def _watch_lag(self, lag: LaggedWatch, step: int) -> None:
+        """Stop a lagged exchange that is found to diverge."""
+        if step < lag.next:
+            return
+        lag.look(step)
+        if lag.diverges and not self.scene.substrate.force_lagged:  # type: ignore[union-attr]
+            self._stop(lag.reason(), None)
+
+    def _solve_on_host(self, time_step: float) -> None:
         if self._host is not None:
-            self._host.update(self.contacts)
+            self._host.update(self.contacts, time_step)
 
     def _note_stored(self) -> None:
         """What the surface holds; the solve in the kernel says so at every step."""
@@ -214,9 +240,11 @@ class Engine:
         self.control.flags.fill(0)
         if self.exchange is not None:
             self.exchange.forget()
+        if self.creep is not None:
+            self.creep.restore(good["creep"])
         self.skin.start_again(good["step"])
         self.rebuild(remember=False)
-        self._solve_on_host()
+        self._solve_on_host(0.0)
         self.drivers.evaluate(0.0)
         self.lost = good["lost"] - self.energy.loss(False)
         raise SimulationStopped(f"at t = {when:.6g} s {why}.", row, good)
@@ -231,6 +259,7 @@ class Engine:
             "omega": state["omega"],
             "motion": self.boundaries.read(),
             "lost": self.lost + self.energy.loss(False),
+            "creep": None if self.creep is None else self.creep.save(),
         }
 
     # -- lists -----------------------------------------------------------------------------------
@@ -266,6 +295,8 @@ class Engine:
             self.boundaries.enrol(self.contacts)
         if self.exchange is not None:
             self.exchange.enrol(self.contacts)
+            if self.creep is not None and not self.exchange.hosted:
+                self.creep.forget()  # nobody is near the ground
         self.control.flags[STALE] = 0
         self.rebuilds += 1
 
@@ -352,6 +383,11 @@ class Engine:
         )
 
     # -- looking ---------------------------------------------------------------------------------
+
+    def doubts(self) -> dict[str, int]:
+        """How often so far what the substrate's model assumes did not hold, by name."""
+        counts = {} if self.exchange is None else self.exchange.counts()
+        return counts if self.lag is None else {**counts, "lagged_exchange": self.lag.risky}
 
     def particle_state(self) -> ParticleState:
         """The spheres now, in the user's order."""

@@ -1,9 +1,8 @@
 """The substrate at every step: contacts out; expansion, slope and energy in.
 
-Up to two thousand contacts or so are solved inside the step's own kernel
-(:mod:`taichi_dem.coupling`); more go to :mod:`halfspace` through the host
-(:mod:`taichi_dem.hosted`).  Which of the two is a matter of their number alone, so all drivers do
-the same.
+Up to two thousand contacts or so on a half-space are solved inside the step's own kernel
+(:mod:`taichi_dem.coupling`); more, and those on any other ground, go to :mod:`halfspace` through
+the host (:mod:`taichi_dem.hosted`).  Which of the two depends on no driver.
 """
 
 from collections.abc import Sequence
@@ -31,8 +30,9 @@ DRIFTS = 3
 FAST_IMPACT = 0.1  # of the substrate's shear wave speed: beyond, it is not quasi-static
 WIDE_CONTACT = 0.3  # contact radius over sphere radius: beyond, strains are not small
 HELD_BEYOND = 2.0  # times its opening: as far a contact holds that opens while others are solved
+WIDE_FOR_LAYER = {"finite": 0.4, "point": 0.2}  # of its thickness: beyond, forces err by a percent
 CLOSE_POINTS = 6.0  # contact radii: closer, a contact is not a point for its neighbours
-TOUCHED, WIDE, CLOSE = 1, 2, 4  # what has been noticed of a contact since it was made
+TOUCHED, WIDE, CLOSE, OUTGROWN = 1, 2, 4, 8  # what has been noticed of a contact since it was made
 
 past_values = ti.types.vector(PAST, real)
 past_drifts = ti.types.vector(DRIFTS, real)
@@ -59,12 +59,13 @@ def ground_type(finite: bool) -> Any:
 
 def ground_of(substrate: Substrate) -> halfspace.HalfSpace:
     """The half-space that a scene's substrate stands for."""
-    material = substrate.material
+    material, layer = substrate.material, substrate.layer
     return halfspace.HalfSpace(
         material.youngs_modulus,
         material.poissons_ratio,
         tolerance=substrate.tolerance,
         coupling=substrate.coupling,
+        layer=None if layer is None else halfspace.Layer(layer.thickness, layer.base),
     )
 
 
@@ -94,6 +95,9 @@ class Exchange:
         self.normal, self.table, self.material = law.normal, coefficients.table, material
         self.lagged, self.finite = substrate.exchange == "lagged", substrate.coupling == "finite"
         self.halfspace = ground_of(substrate)
+        self.in_kernel, self.layered = substrate.homogeneous, substrate.layer is not None
+        if self.layered:
+            self._widest = WIDE_FOR_LAYER[substrate.coupling] * substrate.layer.thickness
         self.residual = max(substrate.residual, ROUND_OFF)
         self._soil, self._materials = substrate.material, materials
 
@@ -116,11 +120,12 @@ class Exchange:
             fields.append(self.held)
         for field in fields:
             builder.dense(ti.i, n).place(field)
-        builder.dense(ti.i, 3).place(self.noticed)
+        builder.dense(ti.i, 4).place(self.noticed)
         builder.dense(ti.i, len(materials)).place(self.softness)
         builder.place(self.wave_speed, self.on_host)
+        most = IN_KERNEL_CONTACTS if self.in_kernel else 1
         self.solver = CoupledSolve(
-            min(n, IN_KERNEL_CONTACTS), self.halfspace.modulus, self.finite, self.lagged, builder
+            min(n, most), self.halfspace.modulus, self.finite, self.lagged, builder
         )
 
     def fill(self) -> None:
@@ -142,7 +147,7 @@ class Exchange:
     def enrol(self, contacts: ContactList) -> None:
         """Find the members after the contact list has been rebuilt, and who solves for them."""
         self.count = self._enrol(contacts)
-        self.hosted = self.count > self.solver.capacity
+        self.hosted = self.count > (self.solver.capacity if self.in_kernel else 0)
         self.on_host[None] = int(self.hosted)
 
     @ti.kernel
@@ -181,8 +186,8 @@ class Exchange:
 
     def counts(self) -> dict[str, int]:
         """How often so far the half-space's assumptions did not hold: impacts too fast, contacts
-        too wide, points too close."""
-        names = ("fast_impacts", "wide_contacts", "close_points")
+        too wide, points too close, contacts too wide for a layer."""
+        names = ("fast_impacts", "wide_contacts", "close_points", "wide_for_layer")
         return {name: int(self.noticed[k]) for k, name in enumerate(names)}
 
     def read(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -321,7 +326,8 @@ class Exchange:
         sunk = solver.overlap[k] - solver.reached(k)  # by the sums, to rounding
         if solver.live[k] == 0:
             solver.effective[k] = solver.overlap[k] - sunk
-        self.receive(i, solver.effective[k] - solver.overlap[k], sunk, force, slope)
+        expansion = solver.effective[k] - solver.overlap[k]
+        self.receive(i, solver.effective[k], expansion, sunk, force, slope)
         ground = self.ground[i]
         if solver.live[k] != 0 and ground.age > 1:
             for step in ti.static(range(DRIFTS - 1, 0, -1)):
@@ -360,9 +366,9 @@ class Exchange:
         return self.particles.body[i].radius * vec2(slope_x, slope_y)
 
     @ti.func
-    def receive(self, i, expansion, sunk, force, slope):
-        """Keep what came back for particle ``i``, and watch the assumptions; ``sunk`` is what
-        -``expansion`` is to within the residual."""
+    def receive(self, i, depth, expansion, sunk, force, slope):
+        """Keep what came back for particle ``i``, and watch the assumptions; ``depth`` is how deep
+        the contact is, ``sunk`` what -``expansion`` is to within the residual."""
         ground = self.ground[i]
         for step in ti.static(range(PAST - 1, 0, -1)):
             ground.past[step] = ground.past[step - 1]
@@ -379,9 +385,14 @@ class Exchange:
         if overlap > 0.0:
             if ground.touched == 0 and -body.velocity[2] > FAST_IMPACT * self.wave_speed[None]:
                 self.noticed[0] += 1
-            if overlap > WIDE_CONTACT**2 * body.radius and ground.touched & WIDE == 0:
+            if depth > WIDE_CONTACT**2 * body.radius and ground.touched & WIDE == 0:
                 self.noticed[1] += 1
                 ground.touched |= WIDE
+            if ti.static(self.layered):
+                limit = ti.static(self._widest * self._widest)
+                if depth * body.radius > limit and ground.touched & OUTGROWN == 0:
+                    self.noticed[3] += 1
+                    ground.touched |= OUTGROWN
             ground.touched |= TOUCHED
         else:
             ground.touched = 0

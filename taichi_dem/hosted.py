@@ -1,69 +1,143 @@
-"""The substrate's contacts through the host: for more of them than a kernel solves by itself."""
+"""The substrate's contacts through the host: for more of them than a kernel solves by itself, and
+for all substrates that the kernel does not know.
+"""
+
+import warnings
+from typing import NamedTuple
 
 import numpy as np
 
 import halfspace
 from taichi_dem.contact_list import ContactList
 from taichi_dem.control import UNSOLVED
+from taichi_dem.creep import Creep, Pressed
 from taichi_dem.exchange import Exchange
+from taichi_dem.substrate import Relaxation
 from taichi_dem.types import ti, vec2
+
+
+class Members(NamedTuple):
+    """Spheres near the surface: ids; place (n, 2) m; shift (n, 2) m, where they are expected to
+    touch, seen from there; overlap with the undeformed surface, expected displacement of it, m;
+    force of the last step, N; radius, m; contact modulus E*, Pa; (n,) each."""
+
+    ids: np.ndarray
+    place: np.ndarray
+    shift: np.ndarray
+    overlap: np.ndarray
+    expected: np.ndarray
+    force: np.ndarray
+    radius: np.ndarray
+    modulus: np.ndarray
+
+    @property
+    def contact_radius(self) -> np.ndarray:
+        """Hertz's, (n,) m."""
+        return np.cbrt(0.75 * np.maximum(self.force, 0.0) * self.radius / self.modulus)
+
+    @property
+    def pressed(self) -> Pressed:
+        """What the ground's creep has to know of them."""
+        return Pressed(self.ids, self.radius, self.modulus)
 
 
 @ti.data_oriented
 class HostedExchange:
     """Does for ``exchange`` what its in-kernel solve does, by ``halfspace``."""
 
-    def __init__(self, exchange: Exchange):
+    def __init__(self, exchange: Exchange, relaxation: Relaxation | None):
         self.exchange, self.particles = exchange, exchange.particles
         self._plan: halfspace.Plan | None = None  # of the sums, kept from step to step
+        self.creep = None if relaxation is None else Creep(exchange.halfspace, relaxation)
 
-    def update(self, contacts: ContactList) -> None:
-        """Expansions and slopes for where the particles are now."""
-        exchange, n = self.exchange, self.exchange.count
-        opening = np.empty(n)
-        self._settle(n, contacts, opening)
-        place, shift = np.empty((n, 2)), np.zeros((n, 2))
-        overlap, expected, before, radius, modulus = np.empty((5, n))
-        self._send(n, place, shift, overlap, expected, before, radius, modulus)
+    def restart(self) -> None:
+        """Begin anew, with sums that know nothing of those before."""
+        self.exchange.restart()
+        self._plan = None
+        if self.creep is not None:
+            self.creep.forget()
+
+    def update(self, contacts: ContactList, time_step: float) -> None:
+        """Expansions and slopes for where the particles are now, ``time_step``, s, after the last
+        ones."""
+        now, opening = self._sent(), np.empty(self.exchange.count)
+        self._settle(len(opening), contacts, opening)
         if self._plan is None:
-            self._plan = exchange.halfspace.plan(place)
-        if exchange.lagged:
-            self._plan.refresh(place + shift)
-            sunk, slope = self._plan.displacement(before, _hertz_radius(before, radius, modulus))
-            effective = overlap - sunk - (shift**2).sum(axis=1) / (2 * radius)
-            force = self._law(effective)[0]
-        else:
-            try:
-                result = halfspace.solve(
-                    exchange.halfspace,
-                    place,
-                    overlap,
-                    self._law,
-                    residual=exchange.residual,
-                    start=overlap - expected,
-                    opening=opening,
-                    plan=self._plan,
-                    radius=radius,
-                    modulus=modulus,
-                    shift=shift,
-                )
-            except halfspace.NotConverged as error:
-                exchange.control.flags[UNSOLVED] = 1
-                result = error.state
-            effective, force, slope = result.overlap, result.force, result.slope
-            exchange.solver.applications[None] += result.applications
-        self._take(n, effective - overlap, force, slope)
+            self._plan = self.exchange.halfspace.plan(now.place)
+        if self.exchange.lagged:
+            self._lagged(now, self._plan)
+            return
+        try:
+            with warnings.catch_warnings():  # the exchange says it itself, and counts
+                warnings.filterwarnings("ignore", ".*wide for a layer")
+                if self.creep is None:
+                    found = self._elastic(now, opening)
+                else:
+                    found = self._creeping(self.creep, now, time_step)
+        except halfspace.NotConverged as error:
+            self.exchange.control.flags[UNSOLVED] = 1
+            found = error.state
+        self.exchange.solver.applications[None] += found.applications
+        depth = effective = found.overlap
+        if self.creep is not None:
+            spheres = now.pressed
+            effective = self.creep.accept(spheres, now.overlap, found, time_step)
+            depth = self.creep.depth(spheres, found.force)
+        self._take(len(depth), depth, effective - now.overlap, found.force, found.slope)
 
     def note_energy(self) -> None:
         """Write down what is stored in the surface: more work than every step should do."""
-        n = self.exchange.count
-        place, shift = np.empty((n, 2)), np.zeros((n, 2))
-        overlap, expected, force, radius, modulus = np.empty((5, n))
-        self._send(n, place, shift, overlap, expected, force, radius, modulus)
+        now, plan = self._sent(), self._plan
+        assert plan is not None
+        if self.creep is not None:
+            stored = self.creep.stored(now.pressed, now.force, plan)
+        else:
+            a = now.contact_radius
+            stored = now.force * plan.apply(now.force, a) - plan.energy(now.force, a)
+        self._store(len(stored), stored)
+
+    def _lagged(self, now: Members, plan: halfspace.Plan) -> None:
+        """The surface as the forces of the last step leave it."""
+        plan.refresh(now.place + now.shift)
+        sunk, slope = plan.displacement(now.force, now.contact_radius)
+        depth = now.overlap - sunk - (now.shift**2).sum(axis=1) / (2 * now.radius)
+        self._take(len(depth), depth, depth - now.overlap, self._law(depth)[0], slope)
+
+    def _elastic(self, now: Members, opening: np.ndarray) -> halfspace.Equilibrium:
+        return halfspace.solve(
+            self.exchange.halfspace,
+            now.place,
+            now.overlap,
+            self._law,
+            residual=self.exchange.residual,
+            start=now.overlap - now.expected,
+            opening=opening,
+            plan=self._plan,
+            radius=now.radius,
+            modulus=now.modulus,
+            shift=now.shift,
+        )
+
+    def _creeping(self, creep: Creep, now: Members, time_step: float) -> halfspace.Equilibrium:
+        found = creep.solve(
+            now.pressed,
+            now.place,
+            now.overlap,
+            now.expected,
+            time_step,
+            residual=self.exchange.residual,
+            plan=self._plan,
+        )
         assert self._plan is not None
-        a = _hertz_radius(force, radius, modulus)
-        stored = force * self._plan.apply(force, a) - self._plan.energy(force, a)
-        self._store(n, stored)
+        self._plan.warn_of_points(np.sqrt(now.radius * np.maximum(found.overlap, 0.0)))
+        return found
+
+    def _sent(self) -> Members:
+        """The members as they are now."""
+        n = self.exchange.count
+        now = Members(np.empty(n, np.int32), np.empty((n, 2)), np.zeros((n, 2)), *np.empty((5, n)))
+        self._send(n, *now)
+        return now
 
     def _law(self, overlap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         force, tangent = np.empty((2, len(overlap)))
@@ -72,6 +146,7 @@ class HostedExchange:
 
     @ti.kernel
     def _settle(self, n: ti.i32, contacts: ti.template(), opening: ti.types.ndarray()):
+        ti.loop_config(serialize=self.particles.few)
         for k in range(n):
             opening[k] = self.exchange.settle(k, contacts)
 
@@ -79,6 +154,7 @@ class HostedExchange:
     def _send(
         self,
         n: ti.i32,
+        ids: ti.types.ndarray(),
         place: ti.types.ndarray(),
         shift: ti.types.ndarray(),
         overlap: ti.types.ndarray(),
@@ -87,9 +163,10 @@ class HostedExchange:
         radius: ti.types.ndarray(),
         modulus: ti.types.ndarray(),
     ):
+        ti.loop_config(serialize=self.particles.few)
         for k in range(n):
             i = self.exchange.members[k]
-            body = self.particles.body[i]
+            body, ids[k] = self.particles.body[i], self.particles.spin[i].id
             place[k, 0], place[k, 1] = body.position[0], body.position[1]
             overlap[k], radius[k] = body.radius - body.position[2], body.radius
             expected[k], force[k] = self.exchange.expected(i), self.exchange.ground[i].force
@@ -106,6 +183,7 @@ class HostedExchange:
         force: ti.types.ndarray(),
         tangent: ti.types.ndarray(),
     ):
+        ti.loop_config(serialize=self.particles.few)
         for k in range(n):
             answer = self.exchange.law(k, overlap[k])
             force[k], tangent[k] = answer[0], answer[1]
@@ -114,6 +192,7 @@ class HostedExchange:
     def _take(
         self,
         n: ti.i32,
+        depth: ti.types.ndarray(),
         expansion: ti.types.ndarray(),
         force: ti.types.ndarray(),
         slope: ti.types.ndarray(),
@@ -122,13 +201,10 @@ class HostedExchange:
         for k in range(n):
             i = self.exchange.members[k]
             fall = vec2(slope[k, 0], slope[k, 1])
-            self.exchange.receive(i, expansion[k], -expansion[k], force[k], fall)
+            self.exchange.receive(i, depth[k], expansion[k], -expansion[k], force[k], fall)
 
     @ti.kernel
     def _store(self, n: ti.i32, stored: ti.types.ndarray()):
+        ti.loop_config(serialize=self.particles.few)
         for k in range(n):
             self.exchange.ground[self.exchange.members[k]].stored = stored[k]
-
-
-def _hertz_radius(force: np.ndarray, radius: np.ndarray, modulus: np.ndarray) -> np.ndarray:
-    return np.cbrt(0.75 * np.maximum(force, 0.0) * radius / modulus)

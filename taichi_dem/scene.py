@@ -8,57 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from taichi_dem.material import Material, distinct, material_problem
+from taichi_dem.material import Material, distinct
 from taichi_dem.packing import deep_overlaps
-from taichi_dem.shapes import Boundary, Box, Face, Piston, Plane
+from taichi_dem.shapes import Boundary, Box, Piston, Plane
 from taichi_dem.spheres import Spheres
+from taichi_dem.substrate import Substrate
 from taichi_dem.validation import (
     InputError,
     Problem,
     first_few,
-    parameter,
     set_vectors,
     unknown,
-    validate,
 )
 
 __all__ = ["Box", "Material", "Piston", "Plane", "Scene", "Spheres", "Substrate"]
 
-COUPLINGS = ("finite", "point")
-EXCHANGES = ("implicit", "lagged", "none")
 DEEPEST_OVERLAP = 0.5  # of the smaller radius, at the start
-
-
-@dataclasses.dataclass(frozen=True)
-class Substrate:
-    """The elastic half-space z < 0.
-
-    ``exchange`` is how its contacts feel each other: solved together at each step ("implicit"), by
-    the forces of the step before ("lagged"), or not at all ("none": a plane at z = 0).
-    """
-
-    material: Material
-    tolerance: float = parameter("-", "of the displacement", default=1e-4, above=0.0, below=1.0)
-    coupling: str = "finite"
-    exchange: str = "implicit"
-    residual: float = parameter("-", "of the coupled solve", default=1e-6, above=0.0, below=1.0)
-    layer: None = None
-    relaxation: None = None
-
-    def __post_init__(self) -> None:
-        choices = (("coupling", COUPLINGS), ("exchange", EXCHANGES))
-        validate(
-            self,
-            material_problem(self.material),
-            *(_choice_problem(name, getattr(self, name), known) for name, known in choices),
-            _not_yet("layer", self.layer, "a layer is"),
-            _not_yet("relaxation", self.relaxation, "relaxation is"),
-            name="substrate",
-        )
-
-    def faces(self) -> list[Face]:
-        """The undeformed surface, as a boundary gives its faces."""
-        return [(np.zeros(3), np.array([0.0, 0.0, 1.0]))]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -80,6 +45,7 @@ class Scene:
         problems = [*self._kind_problems(), *set_vectors(self, "gravity")]
         problems.append(_not_yet("period", self.period, "periodic sides are"))
         problems += self._surface_problems()
+        problems += self._creep_problems()
         if not any(problems):
             object.__setattr__(self, "boundaries", tuple(self.boundaries))
             problems += self._name_problems()
@@ -141,6 +107,15 @@ class Scene:
         )
         return [Problem("substrate.exchange", substrate.exchange, rule)]
 
+    def _creep_problems(self) -> list[Problem]:
+        """A law of which nobody knows what share of its compliance creeps with the ground."""
+        normal, substrate = getattr(self.law, "normal", None), self.substrate
+        creeps = isinstance(substrate, Substrate) and substrate.relaxation is not None
+        if not creeps or getattr(normal, "of_two_solids", False):
+            return []
+        rule = "must be Hertz with relaxation, which makes the ground's share of a contact creep"
+        return [Problem("law.normal", normal, rule)]
+
     def _name_problems(self) -> list[Problem]:
         names = [material.name for material in self.materials]
         found = [
@@ -181,10 +156,6 @@ def _overlap_problems(spheres: Spheres) -> list[Problem]:
         return f"overlaps sphere {other} by {depth:.3g} m; at most {limit:.3g} m is accepted"
 
     return first_few("spheres.position", wrong, spheres.position, rule)
-
-
-def _choice_problem(name: str, value: Any, known: tuple[str, ...]) -> Problem | None:
-    return None if value in known else unknown(name, value, value, known, "choice")
 
 
 def _not_yet(name: str, value: Any, what: str) -> Problem | None:

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from taichi_dem.material import Material
-from taichi_dem.scene import Scene, Substrate
+from taichi_dem.scene import Scene
 from taichi_dem.shapes import BOUNDARIES
 from taichi_dem.spheres import Spheres
+from taichi_dem.substrate import Layer, Relaxation, Substrate
 from taichi_dem.tables import Tables, override, plain
 from taichi_dem.toml_text import toml_text
 from taichi_dem.validation import InputError, Problem, parameter, unknown, validate
@@ -98,7 +99,13 @@ class _Reader(Tables):
     """Builds each part of a scene."""
 
     def __init__(self, folder: Path, laws: Any):
-        super().__init__(convert={"material": self.material})
+        super().__init__(
+            convert={
+                "material": self.material,
+                "layer": lambda table, path: self.build(Layer, table, path),
+                "relaxation": lambda table, path: self.build(Relaxation, table, path),
+            }
+        )
         self.folder, self.laws = folder, laws
         self.materials: dict[str, Material] = {}
 

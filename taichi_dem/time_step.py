@@ -4,7 +4,8 @@ A contact of two bodies swings with the half period pi sqrt(m*/k); velocity Verl
 with twenty steps.  The stiffness k grows with the overlap, so it is taken at an overlap that the
 scene can reach: that of an impact at the highest speed to be expected, at least 2 % of the radius,
 and as deep as the spheres already overlap at the start.  A substrate shared by many contacts makes
-each of them softer, never stiffer.
+each of them softer, never stiffer; the base of a layer makes it stiffer, by what is known of one
+contact alone.
 
 The spring of a rolling law swings with pi sqrt(I/(k_r R*)), and is followed as well.  A dashpot,
 which sees the velocity of half a step before, must not reverse it within a step: its step is half
@@ -28,6 +29,7 @@ STEP_OF_DASHPOT = 0.5  # of its time constant: a sphere may have several
 LONGEST_WAY = 0.1  # of the smallest radius, in one step at the speed to be expected
 LEAST_OVERLAP = 0.02  # of the effective radius
 MOST_OVERLAP = 0.3
+MOST_STIFFENED = 4.0  # by the base of a layer; wider contacts than that are warned of
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,11 @@ class _Smallest:
     material: Material
     curvature: float
     inverse_mass: float
+    base: float = 0.0  # what it adds to a contact's compliance, m/N, <= 0
+
+    def stiffened(self, stiffness: float) -> float:
+        """The stiffness (N/m) of a contact on it, of ``stiffness`` by its law alone."""
+        return stiffness / max(1 + self.base * stiffness, 1 / MOST_STIFFENED)
 
 
 @dataclass(frozen=True)
@@ -77,9 +84,12 @@ class _Meeting:
         return StableStep(STEP_OF_DASHPOT / rate, reason)
 
 
-def stable_time_step(scene: Scene, coefficients: Mapping[str, Any]) -> StableStep:
+def stable_time_step(
+    scene: Scene, coefficients: Mapping[str, Any], base: float = 0.0
+) -> StableStep:
     """A twentieth of the shortest contact's half period, and short against what damps it and the
-    way that a sphere goes in it; ``coefficients`` are the ``Coefficients`` of each law by slot."""
+    way that a sphere goes in it; ``coefficients`` are the ``Coefficients`` of each law by slot,
+    ``base`` is what the base of a layer adds to the compliance of a contact, m/N, <= 0."""
     speed, held = expected_speed(scene), _deepest_at_start(scene)
     bodies = [_smallest(scene, index) for index in range(len(scene.spheres.materials))]
     walls = [
@@ -87,7 +97,7 @@ def stable_time_step(scene: Scene, coefficients: Mapping[str, Any]) -> StableSte
         for b, wall in enumerate(scene.boundaries)
     ]
     if scene.substrate:
-        walls.append(_Smallest("the substrate", scene.substrate.material, 0.0, 0.0))
+        walls.append(_Smallest("the substrate", scene.substrate.material, 0.0, 0.0, base))
     candidates = [
         candidate
         for k, a in enumerate(bodies)
@@ -185,7 +195,7 @@ def _of_contact(
     overlap = max(overlap, held * radius)
     name = a.name if a is b else f"{a.name} on {b.name}"
     meeting = _Meeting(name, radius, mass, 1 / inverse_inertia, overlap, speed)
-    stiffness = normal.stiffness(k["normal"], radius, overlap)
+    stiffness = b.stiffened(normal.stiffness(k["normal"], radius, overlap))
     yield meeting.half_period("", mass, stiffness)
     dashpot = normal.dashpot(k["normal"], radius, mass, overlap)
     if dashpot > 0:

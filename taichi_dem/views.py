@@ -46,7 +46,9 @@ class SubstrateState:
     particle (m,); position (m, 2) m; force (m,) elastic, N, pressing down (all of the normal force
     where contacts are not coupled); expansion (m,) m, what the surface under the contact has risen
     by the forces on the others; slope (m, 2), its gradient
-    (the lateral force on the sphere is -force * slope); contact_radius (m,) m.
+    (the lateral force on the sphere is -force * slope); contact_radius (m,) m; load (m,) N, the
+    forces under which an elastic ground would have these dents: ``force``, and on ground that
+    creeps what it remembers besides.
     """
 
     particle: np.ndarray
@@ -55,14 +57,15 @@ class SubstrateState:
     expansion: np.ndarray
     slope: np.ndarray
     contact_radius: np.ndarray
+    load: np.ndarray
     ground: Any
 
     def field(self, points: np.ndarray) -> np.ndarray:
-        """Depression (k,) in m of the surface at ``points`` (k, 2), each load spread as Hertz
+        """Depression (k,) in m of the surface at ``points`` (k, 2), each ``load`` spread as Hertz
         pressure over its contact."""
         if not len(self.force):
             return np.zeros(len(points))
-        return self.ground.field(self.position, self.force, points, radius=self.contact_radius)
+        return self.ground.field(self.position, self.load, points, radius=self.contact_radius)
 
 
 @ti.kernel

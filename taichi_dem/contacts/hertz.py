@@ -28,6 +28,7 @@ class Hertz:
     history = ()
     coefficient_names = ("effective_modulus", "damping")
     adhesive = plastic = False
+    of_two_solids = True  # whose compliances add up: on ground that creeps its share creeps along
 
     def __post_init__(self) -> None:
         validate(self)

@@ -13,11 +13,11 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("taichi_dem", "halfspace")
 
 LAYERS = {
-    "scene": "validation material shapes packing sphere_files spheres scene time_step "
+    "scene": "validation material shapes packing sphere_files spheres substrate scene time_step "
     "writing tables toml_text scene_file",
     "kernels": "types control particles effects contact_list grid neighbors boundaries geometry "
-    "expansions reciprocal expansion_newton forces pair_sums coupling exchange hosted integrate "
-    "meeting drivers energy guards views pace engine",
+    "expansions reciprocal expansion_newton forces pair_sums coupling exchange creep hosted lagged "
+    "integrate meeting drivers energy guards views pace engine",
     "simulation": "schedule simulation",
     "outputs": "style wording snapshot frames progress output bed dents plot",
     "tools": "folder run memory check settings record accuracy orders closed_form worker workers "
@@ -35,6 +35,7 @@ LAZILY = {("scene_file", "contacts.law")}  # laws by name, where a file is read
 HALFSPACE_IN = {
     "exchange": {"halfspace"},
     "hosted": {"halfspace"},
+    "creep": {"halfspace"},
     "pair_sums": {"halfspace.finite"},
     "types": {"halfspace.backend"},
     "engine": {"halfspace.backend"},

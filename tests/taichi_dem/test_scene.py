@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from taichi_dem.scene import Box, Material, Piston, Plane, Scene, Spheres, Substrate
+from taichi_dem.substrate import Layer, Relaxation
 from taichi_dem.validation import InputError
 
 GEL = Material("gel", density=1050, youngs_modulus=2e4, poissons_ratio=0.49)
@@ -215,14 +216,56 @@ def test_faces_are_points_and_unit_normals_into_the_domain():
                 "known: finite, point",
                 "substrate.exchange = laged: unknown choice; did you mean 'lagged'? "
                 "known: implicit, lagged, none",
-                "substrate.layer = 1: a layer is not available yet: must be None",
-                "substrate.relaxation = 2: relaxation is not available yet: must be None",
+                "substrate.layer = 1: must be a Layer or None",
+                "substrate.relaxation = 2: must be a Relaxation or None",
             ],
+        ),
+        (
+            lambda: Substrate(GEL, exchange="lagged", relaxation=Relaxation(3e4, 1.0)),
+            [
+                "substrate.relaxation.relaxed_modulus = 30000.0: must be <= 20000 Pa, the modulus "
+                "of gel at once",
+                "substrate.coupling = finite: must be 'point' with relaxation, which has no theory "
+                "for contacts of finite size",
+                "substrate.exchange = lagged: must be 'implicit' with relaxation, which is solved "
+                "for as it passes",
+            ],
+        ),
+        (
+            lambda: Relaxation(0, -1),
+            [
+                "relaxation.relaxed_modulus = 0: must be > 0 Pa (Young's modulus at rest)",
+                "relaxation.retardation_time = -1: must be > 0 s (time of creep under a constant "
+                "load)",
+            ],
+        ),
+        (
+            lambda: Substrate(
+                GEL, "x", "point", "none", layer=Layer(1), relaxation=Relaxation(1, 1)
+            ),
+            [
+                "substrate.tolerance = x: must be a number; must be > 0 and < 1 (of the "
+                "displacement)",
+                "substrate.layer: must be left out with exchange = 'none', a plane",
+                "substrate.relaxation: must be left out with exchange = 'none', a plane",
+            ],
+        ),
+        (
+            lambda: Substrate(GEL, force_lagged="yes"),
+            ["substrate.force_lagged = yes: must be true or false"],
         ),
     ],
 )
 def test_boundaries_and_substrate_refuse(make, lines):
     assert message(make) == lines
+
+
+def test_only_hertz_contacts_stand_on_ground_that_creeps():
+    ground = Substrate(GEL, coupling="point", relaxation=Relaxation(1e4, 1.0))
+    [line] = message(scene, substrate=ground, law=SimpleNamespace(normal="any"))
+    assert line.startswith("law.normal = any: must be Hertz with relaxation")
+    law = SimpleNamespace(normal=SimpleNamespace(of_two_solids=True), pairs={})
+    assert scene(substrate=ground, law=law).substrate is ground
 
 
 def test_a_program_is_kept_as_pairs_of_floats():

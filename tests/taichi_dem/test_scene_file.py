@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from taichi_dem.scene import Box, Material, Piston, Plane, Scene, Spheres, Substrate
 from taichi_dem.scene_file import Run, read, write
+from taichi_dem.substrate import BASES, Layer, Relaxation
 from taichi_dem.tables import override
 from taichi_dem.toml_text import toml_text
 from taichi_dem.validation import InputError, parameter, validate
@@ -270,6 +271,26 @@ def test_all_mistakes_are_reported_at_once_with_their_keys(path):
                 "law.pairs[0].normal.restitution = 3: must be > 0 and <= 1 (rebound / impact)",
             ],
         ),
+        (
+            ["substrate.layer={thickness=0, bas=1}"],
+            [
+                "substrate.layer.bas = 1: unknown key; did you mean 'base'? known: thickness, base",
+                "substrate.layer.thickness = 0: must be > 0 m (thickness)",
+            ],
+        ),
+        (
+            ["substrate.relaxation.relaxed_modulus=0"],
+            [
+                "substrate.relaxation.retardation_time: is missing; must be > 0 s (time of creep "
+                "under a constant load)",
+                "substrate.relaxation.relaxed_modulus = 0: must be > 0 Pa (Young's modulus at "
+                "rest)",
+            ],
+        ),
+        (
+            ["substrate.layer.thickness=1e-3", "substrate.exchange=none"],
+            ["substrate.layer: must be left out with exchange = 'none', a plane"],
+        ),
         (["gravity=1"], ["gravity = 1: must be three finite numbers"]),
         (
             ["period=[1,1]"],
@@ -366,11 +387,12 @@ def scenes(draw):
         motions.map(lambda m: Piston(far, down, kinds[0], **m)),
     )
     friction = draw(st.none() | st.builds(Friction, floats(0, 1e9)))
+    layer = st.none() | st.builds(Layer, floats(1e-6, 1e6), st.sampled_from(BASES))
     pair = {"normal": Spring(draw(floats(0.1, 1)), "ü\n\"'", limit=draw(positive))}
     return Scene(
         spheres=spheres,
         boundaries=draw(st.lists(walls, max_size=3)),
-        substrate=draw(st.none() | st.builds(Substrate, material, floats(1e-9, 0.5))),
+        substrate=draw(st.none() | st.builds(Substrate, material, floats(1e-9, 0.5), layer=layer)),
         law=Law(
             Spring(0.5, strict=True),
             friction,
@@ -386,6 +408,23 @@ def test_round_trip_is_exact(tmp_path_factory, scene, run):
     path = tmp_path_factory.mktemp("scene") / "scene.toml"
     write(path, scene, run)
     assert read(path, laws=LAWS) == (scene, run)
+
+
+@settings(max_examples=20)
+@given(floats(1, 1e6), floats(0.01, 1), floats(1e-6, 1e6), st.none() | floats(1e-6, 1e6))
+def test_round_trip_of_ground_that_creeps(tmp_path_factory, modulus, share, time, thickness):
+    from taichi_dem.contacts.hertz import Hertz
+    from taichi_dem.contacts.law import Law
+
+    soil = dataclasses.replace(GEL, youngs_modulus=modulus)
+    layer = None if thickness is None else Layer(thickness)
+    relaxation = Relaxation(min(share * modulus, modulus), time)
+    ground = Substrate(soil, coupling="point", layer=layer, relaxation=relaxation)
+    spheres = Spheres([[0.0, 0.0, 1.0]], 0.5, GLASS)
+    scene = Scene(spheres=spheres, substrate=ground, law=Law(Hertz(0.5)))
+    path = tmp_path_factory.mktemp("scene") / "scene.toml"
+    write(path, scene)
+    assert read(path)[0] == scene
 
 
 def test_many_spheres_go_to_a_file_beside_the_scene(tmp_path):

@@ -1,5 +1,7 @@
 """Spheres on the elastic half-space: the solve inside the step, through the host, and lagged."""
 
+import warnings
+
 import numpy as np
 import pytest
 from setups import law, order_of, restart, rigid, scene, state, watch
@@ -346,6 +348,39 @@ def test_static_lagged_exchange_is_a_fixed_point_iteration(lagged, ratio, conver
         assert far[-10:].min() > 0.5
 
 
+@pytest.mark.parametrize(("count", "ratio"), [(3, 0.2), (9, 0.1), (9, 0.2)])
+def test_the_spectral_radius_is_watched(lagged, count, ratio):
+    """Some of nine, held still by a tiny step.  What is found is the largest eigenvalue of K C in
+    magnitude; above 0.5 it is warned of once, and counted."""
+    places = array(3, 2.2 * R)[:count]
+    overlap = (ratio * 2.2 * R) ** 2 / R
+    force = 4 / 3 * MODULUS * np.sqrt(R) * overlap**1.5
+    height = R - overlap - GROUND.matrix(places) @ np.full(count, force)
+    position = np.column_stack([array(3, 2.2 * R), np.full(9, HIGH)])
+    position[:count, 2] = height
+    restart(lagged, position, dt=1e-9)
+    tangent = 2 * MODULUS * np.sqrt(R * overlap)
+    expected = tangent * np.abs(np.linalg.eigvalsh(GROUND.matrix(places))).max()
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        lagged.run(steps=300)
+        lagged.run(steps=1700)
+    assert lagged._engine.lag.radius == pytest.approx(expected, rel=1e-3)
+    assert lagged.summary()["lagged_spectral_radius"] >= lagged._engine.lag.radius
+    told = [w for w in seen if "close to divergence" in str(w.message)]
+    assert len(told) == (expected > 0.5)
+    assert 18 <= lagged.warnings.get("lagged_exchange", 0) <= 20 or expected < 0.5
+
+
+def test_a_lagged_exchange_that_diverges_is_stopped(lagged):
+    """The state is the last good one; the message says how large the radius is."""
+    places, height, _, _ = array_in_equilibrium(3, 0.31, 2.2 * R)
+    restart(lagged, np.column_stack([places, height]), dt=1e-9)
+    with pytest.raises(dem.SimulationStopped, match=r"radius \d.*implicit.*force_lagged"):
+        lagged.run(steps=1000)
+    assert lagged.steps < 1000 and lagged._engine.lag.radius > 1
+
+
 @pytest.fixture(scope="module")
 def restless():
     """7 x 7 rigid spheres at rho = 1.12, undamped, bobbing a little for five periods at T_H/50 and
@@ -357,7 +392,8 @@ def restless():
     velocity[:, 2] = 0.1 * overlap * rate * np.random.default_rng(12).normal(size=N)
     found = {}
     for exchange in ("lagged", "implicit"):
-        setup = bed(height, places, exchange=exchange, gravity=(0, 0, -force / MASS))
+        gravity = (0, 0, -force / MASS)
+        setup = bed(height, places, exchange=exchange, gravity=gravity, force_lagged=True)
         sim = dem.Simulation(setup, max_overlap=1)
         for steps in (50, 400):
             restart(sim, velocity=velocity, dt=2 * np.pi / rate / steps)
@@ -372,6 +408,7 @@ def restless():
                 lambda sim: [sim.energy()[name] for name in ("balance_error", "kinetic")],
             )
             found[exchange, steps] = np.abs(seen).max(axis=0) / seen[0, 1]
+        found[exchange, "radius"] = sim.summary().get("lagged_spectral_radius", 0.0)
     return found
 
 
@@ -382,6 +419,11 @@ def test_lagged_exchange_gains_energy_at_any_step(restless):
         deviation, kinetic = restless["lagged", steps]
         assert deviation > 1
         assert kinetic > 1.8 * restless["implicit", steps][1]
+
+
+def test_a_lagged_exchange_goes_on_where_it_is_forced_to(restless):
+    assert restless["lagged", "radius"] > 1
+    assert restless["implicit", "radius"] == 0
 
 
 def test_implicit_exchange_stays_bounded(restless):

@@ -1,0 +1,223 @@
+"""Spheres on ground that creeps: its limits, its energy, and whose memory is whose."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from setups import law, order_of, restart, scene, skin_held_at
+from test_determinism import everything
+
+import halfspace
+import taichi_dem as dem
+from halfspace import reference
+from taichi_dem import engine as engine_module
+from taichi_dem.creep import Creep
+
+R, N = 5e-3, 9
+NU, E0, E1, TAU = 0.45, 2e5, 5e4, 4e-3
+CREEP = E0 / E1 - 1
+SOIL = dem.Material("soil", density=1000, youngs_modulus=E0, poissons_ratio=NU)
+STONE = dem.Material("stone", density=2500, youngs_modulus=4e5, poissons_ratio=0.2)
+GROUND, RELAXED = (halfspace.HalfSpace(modulus, NU, coupling="point") for modulus in (E0, E1))
+OTHER = STONE.youngs_modulus / (1 - STONE.poissons_ratio**2)
+COMPOSITE = 1 / (1 / GROUND.modulus + 1 / OTHER)
+SHARE = COMPOSITE / GROUND.modulus
+FALL = (0.0, 0.0, -0.1)
+
+
+def bed(**rest):
+    side = 2.5 * R * (np.arange(3) - 1)
+    grid = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
+    rng = np.random.default_rng(5)
+    grid += rng.uniform(-0.05, 0.05, grid.shape) * R
+    ground = dem.Substrate(
+        SOIL,
+        coupling="point",
+        residual=1e-12,
+        relaxation=dem.Relaxation(relaxed_modulus=E1, retardation_time=TAU),
+        **rest,
+    )
+    position = np.column_stack([grid, R * (1 + rng.uniform(0, 0.01, N))])
+    return scene(position, R, STONE, FALL, substrate=ground, law=law(), gravity=(0, 0, -9.81))
+
+
+@pytest.fixture(scope="module")
+def sim():
+    return dem.Simulation(bed())
+
+
+def creeping(sim, tau=TAU):
+    """``sim`` from the start, falling, on ground with another time of retardation."""
+    relaxation = dem.Relaxation(relaxed_modulus=E1, retardation_time=tau)
+    sim._engine._hosted.creep = Creep(GROUND, relaxation)
+    return restart(sim, velocity=FALL, dt=5e-5)
+
+
+@pytest.mark.parametrize(("tau", "ground"), [(1e9, GROUND), (1e-9, RELAXED)])
+def test_very_slow_and_very_fast_creep_are_elastic(sim, tau, ground):
+    """At once the instantaneous modulus, after long the relaxed one, in a step of any length."""
+    creeping(sim, tau).run(steps=40)
+    position = sim.particles.position
+    hertz = reference.hertz_law(R, 1 / (1 / ground.modulus + 1 / OTHER))
+    exact = halfspace.solve(ground, position[:, :2], R - position[:, 2], hertz, residual=1e-12)
+    found = sim.substrate
+    assert len(found.force) == N
+    assert np.allclose(found.force, exact.force, rtol=1e-7)
+    assert np.allclose(found.slope, exact.slope, rtol=1e-7, atol=1e-12)
+    points = np.array([[0.0, 0.0], [3 * R, R]])
+    radius = np.sqrt(R * exact.overlap)
+    expected = ground.field(position[:, :2], exact.force, points, radius=radius)
+    assert np.allclose(found.field(points), expected, rtol=1e-6)
+
+
+def test_a_contact_held_still_relaxes(sim):
+    """f = H/(1 + k) [1 + k exp(-(1 + k) t/tau)], k = sigma c; by the first order of the step."""
+    overlap, tau, k = 0.03 * R, 1e-7, SHARE * CREEP
+    position = sim.scene.spheres.position + [0, 0, 10 * R]
+    position[0, 2] = R - overlap
+    errors = []
+    for steps in (50, 100, 200):
+        creeping(sim, tau)
+        restart(sim, position, dt=tau / steps)  # too short a time to move in
+        sim.run(steps=steps)
+        elastic = reference.hertz_law(R, COMPOSITE)(np.array([overlap]))[0][0]
+        exact = elastic / (1 + k) * (1 + k * np.exp(-(1 + k)))
+        [force] = sim.substrate.force
+        errors.append(abs(force / exact - 1))
+    assert np.allclose(order_of(errors), 1, atol=0.05)
+    assert errors[-1] < 0.02
+    deep = sim._engine._hosted.creep.depth(sim._pressed(np.array([0])), sim.substrate.force)
+    assert deep == pytest.approx(overlap, rel=1e-5)
+
+
+def loss_rate(sim):
+    """W, by the dashpot of the solid: from forces, memory and places alone."""
+    rows, force = sim.substrate.particle, sim.substrate.force
+    saved = sim._engine._hosted.creep.save()
+    s, f = np.zeros(N), np.zeros(N)
+    s[saved["ids"]], f[rows] = saved["memory"], force
+    strength, own = 4 / 3 * COMPOSITE * np.sqrt(R), SHARE * CREEP
+    rate = (f - s) / TAU
+    depth = ((f + own * s) / strength) ** (2 / 3)
+    local = own * (depth - ((1 + own) * s / strength) ** (2 / 3)) @ rate
+    return CREEP * TAU * rate @ GROUND.matrix(sim.particles.position[:, :2]) @ rate + local
+
+
+def test_what_creep_takes_is_lost_in_the_dashpot(sim):
+    """All is accounted for, by the second order of the step; and what is booked as lost is the loss
+    of the dashpot, by the first, as forces are held over a step."""
+    errors, balance = [], []
+    for steps in (40, 80, 160):
+        creeping(sim)
+        restart(sim, velocity=FALL, dt=4e-3 / steps)
+        rates = []
+        for _ in range(steps):
+            sim.run(steps=1)
+            rates.append(loss_rate(sim))
+        energy = sim.energy()
+        scale = energy["kinetic"] + energy["dissipated"]
+        balance.append(abs(energy["balance_error"]) / scale)
+        assert min(rates) >= -1e-12 * scale / TAU
+        errors.append(abs(np.sum(rates) * 4e-3 / steps / energy["dissipated"] - 1))
+    assert energy["dissipated"] > 0.1 * scale
+    assert np.allclose(order_of(balance), 2, atol=0.05)
+    assert np.allclose(order_of(errors), 1, atol=0.15)
+    assert errors[-1] < 0.05
+
+
+def test_memory_follows_the_spheres_wherever_they_stand(sim, monkeypatch):
+    """Drivers, reordering in memory and a start anew change no bit; lists that reach farther, none
+    but of rounding."""
+    creeping(sim).run(steps=80)
+    expected = [*everything(sim), *sim._engine._hosted.creep.save().values()]
+    assert len(expected[-1]) == N
+
+    def same():
+        creeping(sim).run(steps=80)
+        found = [*everything(sim), *sim._engine._hosted.creep.save().values()]
+        return all(map(np.array_equal, found, expected))
+
+    for driver in ("serial", "parallel", "team"):
+        monkeypatch.setattr(sim._engine.pace, "driver", driver)
+        assert same()
+    with skin_held_at(sim, 1e-9):
+        creeping(sim).run(steps=80)
+        near = everything(sim)
+        assert all(map(close, near, expected))
+        monkeypatch.setattr(engine_module, "REORDER_ABOVE", 0)
+        monkeypatch.setattr(engine_module, "REORDER_EVERY", 1)
+        creeping(sim).run(steps=80)
+        assert all(map(np.array_equal, near, everything(sim)))
+
+
+def close(one, other):
+    return np.allclose(one, other, rtol=1e-9, atol=1e-15)
+
+
+def test_a_guard_s_stop_brings_back_the_memory(sim):
+    creeping(sim).run(steps=60)
+    creep, deepest = sim._engine._hosted.creep, sim._engine.control.deepest
+    before, force, limit = creep.save(), sim.substrate.force, deepest[None]
+    lost = sim.energy()["dissipated"]
+    deepest[None] = 1e-4
+    with pytest.raises(dem.SimulationStopped, match="overlaps the substrate"):
+        sim.run(steps=10)
+    deepest[None] = limit
+    sim._memo.clear()
+    assert sim.steps == 60 and len(before["ids"]) == N
+    assert np.allclose(creep.save()["memory"], before["memory"], rtol=1e-12)
+    assert np.allclose(sim.substrate.force, force, rtol=1e-2)  # of the moment, not of a step
+    assert sim.energy()["dissipated"] == pytest.approx(lost, rel=1e-2)
+
+
+def test_points_too_close_for_that_are_warned_of(sim):
+    position = sim.scene.spheres.position.copy()
+    position[:, 2] = 0.7 * R
+    with pytest.warns(UserWarning, match="below 6 radii"):
+        restart(creeping(sim), position, dt=1e-7).run(steps=1)
+
+
+def test_a_sphere_that_leaves_forgets(sim):
+    creeping(sim).run(steps=60)
+    creep = sim._engine._hosted.creep
+    assert len(creep.save()["ids"]) == N
+    velocity = np.zeros((N, 3))
+    velocity[4, 2] = 10.0
+    sim._engine.particles.write(sim.particles.position, velocity, np.zeros((N, 3)))
+    sim.run(steps=4)
+    assert sim.particles.position[4, 2] > R
+    assert np.array_equal(creep.save()["ids"], np.delete(np.arange(N), 4))
+    velocity[:, 2] = 20.0
+    sim._engine.particles.write(sim.particles.position, velocity, np.zeros((N, 3)))
+    with skin_held_at(sim, 1e-9):  # in one step, out of the list
+        sim.run(steps=4)
+    assert not sim._engine.exchange.count and not len(creep.save()["ids"])
+
+
+SCRIPT = """
+import test_relaxation as test
+from taichi_dem import Layer, Simulation
+sim = Simulation(test.bed(layer=Layer(2 * test.R)))
+for driver in ("serial", "parallel", "team"):
+    sim._engine.pace.driver = driver
+    sim.restart()
+    sim.run(steps=150)
+    assert len(sim.substrate.force)
+    print(test.everything(sim)[0].tobytes().hex())
+"""
+
+
+@pytest.mark.slow
+def test_threads_give_the_same_bits_on_a_layer_that_creeps():
+    tests, package = os.path.dirname(__file__), os.path.dirname(os.path.dirname(dem.__file__))
+    lines = []
+    for threads in (1, 2):
+        path = os.pathsep.join([package, tests])
+        environment = {**os.environ, "HALFSPACE_THREADS": str(threads), "PYTHONPATH": path}
+        run = [sys.executable, "-W", "ignore", "-c", SCRIPT]
+        done = subprocess.run(run, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        lines += done.stdout.splitlines()
+    assert len(lines) == 6 and len(set(lines)) == 1

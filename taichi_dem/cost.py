@@ -1,0 +1,149 @@
+"""What each effect of a scene costs: steps of the scene timed against steps of it without one.
+
+All start again and again from the same state and take turns; a figure is the median over the turns.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import statistics
+import time
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+from taichi_dem.contacts.cdt_jkr import CDTJKR
+from taichi_dem.contacts.hertz import Hertz
+from taichi_dem.guards import SimulationStopped
+from taichi_dem.scene import Scene
+from taichi_dem.shapes import Boundary, Piston, Plane
+from taichi_dem.simulation import Simulation
+from taichi_dem.validation import InputError
+
+ROUNDS = 5
+SECONDS = 0.3  # of a turn
+FEWEST, MOST = 100, 20_000  # steps of a turn
+
+
+@dataclasses.dataclass(frozen=True)
+class Cost:
+    """Of one effect: ``ratios`` of the time of a step to that without it, one for each turn; none
+    where the scene without it was stopped, for the ``problem`` that is then said."""
+
+    name: str
+    ratios: tuple[float, ...]
+    problem: str = ""
+
+    @property
+    def share(self) -> float:
+        """Of the time of a step."""
+        return 1 - 1 / statistics.median(self.ratios)
+
+    def words(self) -> str:
+        """For people."""
+        if not self.ratios:
+            return f"{self.name} cannot be told: {self.problem}"
+        shares = sorted(1 - 1 / ratio for ratio in self.ratios)
+        return f"{self.name} {self.share:.0%} ({shares[0]:.0%} to {shares[-1]:.0%})"
+
+
+def measure(sim: Simulation, rounds: int = ROUNDS, seconds: float = SECONDS) -> list[Cost]:
+    """The cost of every effect of ``sim`` that can be left out, from its present state on; ``sim``
+    itself is left alone. Each effect is compiled out once, which takes seconds."""
+    course = _Course(sim)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        whole = course.simulation(sim.scene, sim.effects.losses)
+        found, others = [], {}
+        for name, scene, books in variants(sim.scene, sim.effects.losses):
+            try:
+                others[name] = course.simulation(scene, books)
+                course.run(others[name], FEWEST)
+            except (InputError, SimulationStopped) as error:
+                found.append(Cost(name, (), str(error)))
+                others.pop(name, None)
+        course.run(whole, FEWEST)
+        steps = int(min(max(seconds / course.run(whole, FEWEST), FEWEST), MOST))
+        ratios: dict[str, list[float]] = {name: [] for name in others}
+        for _ in range(rounds):
+            of_whole = course.run(whole, steps)
+            for name, other in others.items():
+                ratios[name].append(of_whole / course.run(other, steps))
+    return [*(Cost(name, tuple(values)) for name, values in ratios.items()), *found]
+
+
+class _Course:
+    """Runs from the present state of ``sim``, with its step and driver."""
+
+    def __init__(self, sim: Simulation):
+        now = sim.particles
+        self._place = {name: getattr(now, name) for name in ("position", "velocity", "omega")}
+        self._motion = sim._engine.boundaries.read()
+        self._dt, self._driver = sim.dt, sim.summary()["driver"]
+
+    def simulation(self, scene: Scene, books: bool) -> Simulation:
+        """One of ``scene``, to be run."""
+        return Simulation(
+            scene, self._dt, driver=self._driver, max_overlap=1.0, energy_balance=books
+        )
+
+    def run(self, sim: Simulation, steps: int) -> float:
+        """Seconds of a step."""
+        spheres = dataclasses.replace(sim.scene.spheres, **self._place)
+        sim._restart(spheres, self._dt, self._motion)
+        start = time.perf_counter()
+        sim.run(steps=steps)
+        return (time.perf_counter() - start) / steps
+
+
+def variants(scene: Scene, books: bool) -> Iterator[tuple[str, Scene, bool]]:
+    """Each effect that can be left out, the scene without it, and whether that keeps books of what
+    is lost."""
+    law, ground = scene.law, scene.substrate
+
+    def without(*slots: str) -> Scene:
+        pairs = {
+            names: {slot: other for slot, other in laws.items() if slot not in slots}
+            for names, laws in law.pairs.items()
+        }
+        changed: dict[str, Any] = dict.fromkeys(slots)
+        return dataclasses.replace(scene, law=dataclasses.replace(law, **changed, pairs=pairs))
+
+    if law.tangential is not None:
+        yield "friction", without("tangential"), books
+    if law.rolling is not None:
+        yield "rolling", without("rolling"), books
+    if law.normal.adhesive and not isinstance(law.rolling, CDTJKR):
+        yield "adhesion", _not_sticking(scene), books
+    if law.surface is not None:
+        yield "multi-contact", without("surface"), books
+    if ground is not None and ground.exchange != "none":
+        rigid = dataclasses.replace(ground, exchange="none")
+        yield "substrate coupling", dataclasses.replace(scene, substrate=rigid), books
+        if ground.coupling == "finite":
+            points = dataclasses.replace(ground, coupling="point")
+            yield "finite contact size", dataclasses.replace(scene, substrate=points), books
+    if any(wall.moves for wall in scene.boundaries):
+        still = tuple(_standing(wall) for wall in scene.boundaries)
+        yield "moving boundaries", dataclasses.replace(scene, boundaries=still), books
+    if books:
+        yield "energy balance", scene, False
+
+
+def _not_sticking(scene: Scene) -> Scene:
+    """Hertz in place of a law that sticks, or yields and sticks, with the same restitution."""
+    law = scene.law
+    pairs = {
+        names: {**laws, "normal": Hertz(laws["normal"].restitution)} if "normal" in laws else laws
+        for names, laws in law.pairs.items()
+    }
+    plain = dataclasses.replace(law, normal=Hertz(law.normal.restitution), pairs=pairs)
+    return dataclasses.replace(scene, law=plain)
+
+
+def _standing(wall: Boundary) -> Boundary:
+    if isinstance(wall, Plane):
+        return dataclasses.replace(wall, velocity=(0.0, 0.0, 0.0))
+    if isinstance(wall, Piston):
+        return dataclasses.replace(wall, velocity=0.0, program=None, load=None, mass=None)
+    return wall

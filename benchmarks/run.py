@@ -24,6 +24,7 @@ NAMES = (
     "asked_error",
     "hard_cases",
     "law_costs",
+    "effect_costs",
     "half_space",
     "cold_solve",
     "moving_contacts",

@@ -27,24 +27,31 @@ FEWEST, MOST = 100, 20_000  # steps of a turn
 
 @dataclasses.dataclass(frozen=True)
 class Cost:
-    """Of one effect: ``ratios`` of the time of a step to that without it, one for each turn; none
-    where the scene without it was stopped, for the ``problem`` that is then said."""
+    """Of one effect: seconds of a step ``on`` and ``off``, for each turn; none where the scene
+    without it was stopped, for the ``problem`` that is then said."""
 
     name: str
-    ratios: tuple[float, ...]
+    on: tuple[float, ...] = ()
+    off: tuple[float, ...] = ()
     problem: str = ""
 
     @property
-    def share(self) -> float:
-        """Of the time of a step."""
-        return 1 - 1 / statistics.median(self.ratios)
+    def ratios(self) -> list[float]:
+        """The time of a step over that without the effect."""
+        return [on / off for on, off in zip(self.on, self.off, strict=True)]
+
+    @property
+    def shares(self) -> list[float]:
+        """What the effect takes of the time of a step; below zero it is lost in the noise."""
+        return [1 - 1 / ratio for ratio in self.ratios]
 
     def words(self) -> str:
         """For people."""
-        if not self.ratios:
+        if not self.on:
             return f"{self.name} cannot be told: {self.problem}"
-        shares = sorted(1 - 1 / ratio for ratio in self.ratios)
-        return f"{self.name} {self.share:.0%} ({shares[0]:.0%} to {shares[-1]:.0%})"
+        shares = sorted(self.shares)
+        median = statistics.median(shares)
+        return f"{self.name} {median:.0%} ({shares[0]:.0%} to {shares[-1]:.0%})"
 
 
 def measure(sim: Simulation, rounds: int = ROUNDS, seconds: float = SECONDS) -> list[Cost]:
@@ -54,22 +61,24 @@ def measure(sim: Simulation, rounds: int = ROUNDS, seconds: float = SECONDS) -> 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         whole = course.simulation(sim.scene, sim.effects.losses)
-        found, others = [], {}
+        course.run(whole, FEWEST)
+        others: dict[str, Simulation] = {}
+        failed = []
         for name, scene, books in variants(sim.scene, sim.effects.losses):
             try:
-                others[name] = course.simulation(scene, books)
-                course.run(others[name], FEWEST)
+                other = course.simulation(scene, books)
+                course.run(other, FEWEST)
             except (InputError, SimulationStopped) as error:
-                found.append(Cost(name, (), str(error)))
-                others.pop(name, None)
-        course.run(whole, FEWEST)
+                failed.append(Cost(name, problem=str(error)))
+            else:
+                others[name] = other
         steps = int(min(max(seconds / course.run(whole, FEWEST), FEWEST), MOST))
-        ratios: dict[str, list[float]] = {name: [] for name in others}
-        for _ in range(rounds):
-            of_whole = course.run(whole, steps)
-            for name, other in others.items():
-                ratios[name].append(of_whole / course.run(other, steps))
-    return [*(Cost(name, tuple(values)) for name, values in ratios.items()), *found]
+        turns = [
+            (course.run(whole, steps), {name: course.run(o, steps) for name, o in others.items()})
+            for _ in range(rounds)
+        ]
+    on = tuple(of_whole for of_whole, _ in turns)
+    return [*(Cost(name, on, tuple(off[name] for _, off in turns)) for name in others), *failed]
 
 
 class _Course:
@@ -113,7 +122,7 @@ def variants(scene: Scene, books: bool) -> Iterator[tuple[str, Scene, bool]]:
         yield "friction", without("tangential"), books
     if law.rolling is not None:
         yield "rolling", without("rolling"), books
-    if law.normal.adhesive and not isinstance(law.rolling, CDTJKR):
+    if getattr(law.normal, "adhesive", False) and not isinstance(law.rolling, CDTJKR):
         yield "adhesion", _not_sticking(scene), books
     if law.surface is not None:
         yield "multi-contact", without("surface"), books
@@ -127,7 +136,7 @@ def variants(scene: Scene, books: bool) -> Iterator[tuple[str, Scene, bool]]:
         still = tuple(_standing(wall) for wall in scene.boundaries)
         yield "moving boundaries", dataclasses.replace(scene, boundaries=still), books
     if books:
-        yield "energy balance", scene, False
+        yield "dissipation", scene, False
 
 
 def _not_sticking(scene: Scene) -> Scene:

@@ -49,7 +49,8 @@ def run(
     folders.check_free(folder, overwrite)
     print(f"{count(scene.spheres.count, 'sphere')}; compiling …", flush=True)
 
-    from taichi_dem.neglect import THRESHOLD, Moments, applicable
+    from taichi_dem.moments import Moments
+    from taichi_dem.neglect import THRESHOLD, applicable
     from taichi_dem.simulation import Simulation, SimulationStopped
 
     with plain_warnings():

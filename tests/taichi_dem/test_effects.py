@@ -7,7 +7,7 @@ import pytest
 from kernel_counts import FLAGS, counts, package_without, scenes
 
 import taichi_dem as dem
-from taichi_dem import cost
+from taichi_dem import check, cli, cost
 from taichi_dem.effects import effects_of
 from taichi_dem.memory import by_effect, memory
 
@@ -120,6 +120,17 @@ def test_costs_are_told_as_shares():
     assert told.shares == pytest.approx([0.5, 0.2, 0.25])
     assert told.words() == "friction 25% (20% to 50%)"
     assert "cannot be told: too deep" in cost.Cost("rolling", problem="too deep").words()
+
+
+def test_check_says_them_if_asked(plain, monkeypatch):
+    told = cost.Cost("friction", on=(2.0,), off=(1.0,))
+    monkeypatch.setattr(cost, "measure", lambda sim: [told])
+    first, second = check.costs(plain)
+    assert f"{plain.coordination():.2g} contacts per sphere" in first
+    assert second == told.words()
+    monkeypatch.setattr(cost, "measure", lambda sim: [])
+    assert "no effect" in next(check.costs(plain))
+    assert cli._parser().parse_args(["check", "scene.toml", "--cost"]).cost is True
 
 
 @pytest.mark.slow

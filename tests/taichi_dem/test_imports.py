@@ -18,7 +18,7 @@ LAYERS = {
     "kernels": "types control particles effects contact_list grid neighbors boundaries geometry "
     "expansions reciprocal expansion_newton forces pair_sums coupling exchange hosted integrate "
     "meeting drivers energy guards views pace engine memory",
-    "simulation": "schedule simulation neglect",
+    "simulation": "schedule simulation moments neglect",
     "outputs": "style wording snapshot frames progress output bed dents plot",
     "tools": "folder run cost check settings record accuracy orders closed_form worker workers "
     "study_point study_report study_bench studies pilot choice cli __main__",

@@ -8,7 +8,7 @@ import pytest
 from setups import GLASS, law, scene, state
 
 import taichi_dem as dem
-from taichi_dem import cli, neglect, output, run
+from taichi_dem import cli, moments, neglect, output, run
 from taichi_dem.contact_list import SUBSTRATE
 
 RADIUS, APART, DEPTH = 1e-3, 2.5e-3, 2e-5  # m
@@ -139,7 +139,7 @@ def test_only_what_can_be_turned_on_is_looked_at():
 
 def test_where_nothing_can_act_nothing_is_compiled(running, monkeypatch):
     monkeypatch.setattr(neglect, "_forces", None)
-    lonely = dataclasses.replace(neglect.Moment.of(running), grounded=1, crowded=False)
+    lonely = dataclasses.replace(moments.Moment.of(running), grounded=1, crowded=False)
     assert [effect.size for effect in neglect.neglected(running, [lonely])] == [0.0, 0.0]
 
 
@@ -190,7 +190,7 @@ def test_the_command_line_estimates_unless_told_not_to(asked, tmp_path, capsys):
     assert ("neglected" in said) == asked
     assert ("substrate coupling would change" in capsys.readouterr().out) == asked
     if asked:
-        assert all(effect["states"] == neglect.STATES for effect in said["neglected"].values())
+        assert all(effect["states"] == moments.STATES for effect in said["neglected"].values())
 
 
 @pytest.mark.slow

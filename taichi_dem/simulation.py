@@ -87,12 +87,12 @@ class Simulation:
         self.warnings: dict[str, int] = {}
         self._memo: dict[str, Any] = {}
         self._outcome, self._chunk = "not run yet", FIRST_CHUNK
-        self._stepping = self._writing = 0.0  # s of wall time
         effects = effects_of(scene, energy_balance)
         coefficients = {
             slot: Coefficients(scene.law, slot, scene.materials) for slot in scene.law.parts()
         }
         self._coefficients = coefficients
+        self._stepping = self._writing = 0.0  # s of wall time
         self.dt, self.dt_reason = self._choose_step(dt)
         self._ground = ground_of(scene.substrate) if scene.substrate else None
         try:
@@ -129,10 +129,10 @@ class Simulation:
         self, spheres: Spheres, dt: float | None, motion: np.ndarray | None = None
     ) -> None:
         """Without a look at whether the scene makes sense; ``motion`` is that of the boundaries."""
+        self._stepping = self._writing = 0.0
         self.warnings.clear()
         self._memo.clear()
         self._outcome, self.steps = "not run yet", 0
-        self._stepping = self._writing = 0.0
         self.dt, self.dt_reason = self._choose_step(dt)
         self._engine.restart(spheres, self.dt, motion)
         self._first_energy = _total(self._energy_parts())

@@ -26,6 +26,7 @@ NAMES = (
     "survival",
     "soak",
     "law_costs",
+    "effect_costs",
     "half_space",
     "cold_solve",
     "moving_contacts",

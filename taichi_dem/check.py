@@ -24,9 +24,15 @@ SETTLED = 3.0  # contacts per sphere from which a bed is as dense as it gets
 SLOWER = 4  # times, at most, that a settled bed is slower than falling spheres (measured: 2 to 4)
 
 
-def check(path: Path, overrides: Sequence[str] = (), duration: float | None = None) -> None:
+def check(
+    path: Path,
+    overrides: Sequence[str] = (),
+    duration: float | None = None,
+    cost: bool = False,
+) -> None:
     """Say on standard output what :func:`taichi_dem.run.run` would do with the same arguments.
 
+    ``cost``: time the scene without each of its effects too (:mod:`taichi_dem.cost`).
     Raises ``InputError`` with every mistake in the scene, and ``SimulationStopped`` if a guard
     stops it within the few hundred steps that are made to see how long the run would take.
     """
@@ -51,6 +57,9 @@ def check(path: Path, overrides: Sequence[str] = (), duration: float | None = No
         listed = ", ".join(f"{name} {in_bytes(size)}" for name, size in parts.items())
         _say("memory", f"{in_bytes(sum(parts.values()))} of fields: {listed}")
         _say("run time", run_time(sim, steps, built))
+        if cost:
+            for k, text in enumerate(costs(sim)):
+                _say("" if k else "cost", text)
 
 
 def what_there_is(scene: Scene) -> Iterator[tuple[str, str]]:
@@ -90,20 +99,21 @@ def what_there_is(scene: Scene) -> Iterator[tuple[str, str]]:
 
 
 def effects(sim: Any) -> Iterator[tuple[str, str]]:
-    """What has been compiled, and why; what the scene leaves out."""
+    """What has been compiled, why, and its memory; what the scene leaves out."""
     from taichi_dem.contacts.law import LAWS
 
-    scene, law, listed = sim.scene, sim.scene.law, sim.effects.listed
-    on, off = [], [slot for slot, kinds in LAWS.items() if kinds and slot not in law.parts()]
+    law, listed = sim.scene.law, sim.effects.listed
+    on, off = [], [slot for slot in LAWS if slot not in law.parts() and slot != "surface"]
     for slot, part in law.parts().items():
         special = [" on ".join(names) for names, laws in law.pairs.items() if slot in laws]
         but = f"; other numbers for {', '.join(special)}" if special else ""
         on.append((f"{slot} law", f"{part}{but}"))
-    if scene.substrate is None:
-        off.append("substrate")
-    else:
-        on.append(("substrate", _coupling(scene.substrate)))
-    on += [(effect.name, effect.reason) for effect in listed if effect.on]
+    held = sim.summary()["effects"]
+    for effect in listed:
+        if size := held[effect.name]["memory_bytes"]:
+            on.append((effect.name, f"{effect.reason}; {in_bytes(size)}"))
+        elif effect.on:
+            on.append((effect.name, effect.reason))
     off += [f"{effect.name} ({effect.reason})" for effect in listed if not effect.on]
     for k, (name, text) in enumerate(on):
         yield "" if k else "effects", f"{name}: {text}"
@@ -128,6 +138,21 @@ def run_time(sim: Any, steps: int, built: float) -> str:
     return text
 
 
+def costs(sim: Any) -> Iterator[str]:
+    """The share of each effect in the time of a step, in the present state."""
+    from taichi_dem.cost import ROUNDS, measure
+
+    found = measure(sim)
+    if not found:
+        yield "there is no effect that could be left out"
+        return
+    yield (
+        f"share of the time of a step at {sim.coordination():.2g} contacts per sphere, median "
+        f"(and spread) of {ROUNDS} turns:"
+    )
+    yield from (effect.words() for effect in found)
+
+
 def _boundary(boundary: Boundary) -> str:
     faces = len(boundary.faces())
     text = f"{boundary.kind} of {boundary.material.name}"
@@ -142,18 +167,6 @@ def _boundary(boundary: Boundary) -> str:
     if boundary.moves and speed is not None:
         text += f", moves at {quantity(float(np.linalg.norm(speed)), 'm/s')}"
     return text
-
-
-def _coupling(substrate: Any) -> str:
-    coupled = {
-        "implicit": f"contacts feel each other ({substrate.coupling} coupling), solved together at "
-        f"every step to {substrate.residual:g}",
-        "lagged": f"contacts feel each other ({substrate.coupling} coupling) by the forces of the "
-        "step before",
-        "none": "contacts do not feel each other: an elastic plane",
-    }
-    on_host = "" if substrate.homogeneous else ", on the host"
-    return coupled[substrate.exchange] + on_host
 
 
 def _output(plan: Run, simulated: float) -> str:

@@ -74,6 +74,11 @@ def _parser() -> argparse.ArgumentParser:
         "check", help="say what a scene would compute, and how long it would take; writes nothing"
     )
     _add_scene(check)
+    check.add_argument(
+        "--cost",
+        action="store_true",
+        help="time the scene without each of its effects too (compiles each of them)",
+    )
     check.set_defaults(command=_check)
 
     study = commands.add_parser(
@@ -134,7 +139,7 @@ def _check(asked: argparse.Namespace) -> int:
     from taichi_dem.guards import SimulationStopped
 
     try:
-        check(asked.scene, asked.set, asked.duration)
+        check(asked.scene, asked.set, asked.duration, asked.cost)
     except SimulationStopped as stop:
         _complain(f"the run would be stopped: {stop}")
         return STOPPED

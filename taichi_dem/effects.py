@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from taichi_dem.contacts.law import Law
-from taichi_dem.scene import Scene
+from taichi_dem.scene import Scene, Substrate
 
 
 @dataclass(frozen=True)
@@ -133,6 +133,14 @@ def _listed(
     else:
         reason = f"is summed up: {', '.join(losing)}"
     yield Effect("dissipation", found["losses"], reason)
+    yield _substrate_coupling(scene.substrate)
+    yield Effect(
+        "multi-contact",
+        law.surface is not None,
+        "no surface law"
+        if law.surface is None
+        else "each contact of a sphere bulges its surface under the others",
+    )
     moving = [str(k) for k, wall in enumerate(scene.boundaries) if wall.moves]
     yield Effect(
         "moving boundaries",
@@ -160,3 +168,16 @@ def _ground(scene: Scene) -> Iterator[Effect]:
             f"the ground creeps to {relaxation.relaxed_modulus:.3g} Pa in "
             f"{relaxation.retardation_time:.3g} s; all work of contacts is booked",
         )
+
+
+def _substrate_coupling(ground: Substrate | None) -> Effect:
+    if ground is None:
+        return Effect("substrate coupling", False, "no substrate")
+    reason = {
+        "implicit": f"contacts feel each other ({ground.coupling} coupling), solved together at "
+        f"every step to {ground.residual:g}{'' if ground.homogeneous else ', on the host'}",
+        "lagged": f"contacts feel each other ({ground.coupling} coupling) by the forces of the "
+        "step before",
+        "none": 'exchange is "none": an elastic plane',
+    }
+    return Effect("substrate coupling", ground.exchange != "none", reason[ground.exchange])

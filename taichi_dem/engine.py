@@ -1,5 +1,6 @@
 """The fields of a scene and the loop that advances them: what a step does, in order."""
 
+import time
 import weakref
 from collections.abc import Mapping
 from typing import Any
@@ -96,18 +97,20 @@ class Engine:
         self._extent = np.maximum(np.ptp(spheres.position, axis=0), 2 * spheres.radius.max())
         self.grid = Grid(self.particles, self._set_skin(), self._extent)
         self._trees.append(self.grid.tree)
-        self.lost, self.rebuilds = 0.0, 0
+        self.lost, self.rebuilds, self.listing = 0.0, 0, 0.0
         self._pairs = PAIRS_PER_PARTICLE * spheres.count + 64
         self._make_list(CONTACTS_PER_PARTICLE * spheres.count + 64)
         self._start()
 
-    def restart(self, spheres: Spheres, time_step: float) -> None:
+    def restart(self, spheres: Spheres, time_step: float, motion: np.ndarray | None = None) -> None:
         """Go back to step 0 with ``spheres``, the scene's in another place and motion; without new
-        kernels."""
+        kernels. ``motion``: that of the boundaries, if not as in the scene."""
         self.time_step = time_step
         self.control.restart(time_step)
         self.particles.fill(spheres)
         self.boundaries.fill(self._place)
+        if motion is not None:
+            self.boundaries.write(motion)
         if self._hosted is not None:
             self._hosted.restart()
         if self.lag is not None:
@@ -128,6 +131,7 @@ class Engine:
         self.drivers.evaluate(0.0)
         self.drivers.note_pushes()
         self._guard()  # forces belong to their list: a new one waits for the next step
+        self.listing = 0.0  # s of wall time that making lists has taken since
 
     @property
     def step(self) -> int:
@@ -266,6 +270,7 @@ class Engine:
 
     def rebuild(self, remember: bool = True) -> None:
         """Make the contact list anew; what the contacts remember goes along."""
+        began = time.perf_counter()
         if remember:
             self._stop_at_nonsense()
         if self.skin.rebuilt(self.step):
@@ -299,6 +304,7 @@ class Engine:
                 self.creep.forget()  # nobody is near the ground
         self.control.flags[STALE] = 0
         self.rebuilds += 1
+        self.listing += time.perf_counter() - began
 
     def _make_list(self, capacity: int) -> None:
         """A contact list of ``capacity``, and the kernels that work on it."""

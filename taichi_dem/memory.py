@@ -20,13 +20,50 @@ def memory(engine: Engine) -> dict[str, int]:
         "boundaries": fields(engine.boundaries),
     }
     if engine.exchange is not None:
-        parts["substrate"] = fields(engine.exchange) + fields(engine.exchange.solver)
+        parts["substrate"] = _substrate(engine.exchange)
+    if engine.expansions is not None:
+        parts["multi-contact"] = fields(engine.expansions)
+    return parts
+
+
+def by_effect(engine: Engine) -> dict[str, int]:
+    """Bytes that are there because an effect is on, by its name in ``engine.effects``."""
+    contacts, exchange, walls = engine.contacts, engine.exchange, engine.boundaries
+    held = [contacts, exchange] if exchange is not None else [contacts]
+    parts = {
+        "rotation": sum(member(contacts.result, name) for name in ("couple", "torque")),
+        "history": sum(part(one, "history") + part(one, "old_history") for one in held),
+        "dissipation": part(contacts, "lost")
+        + part(contacts, "old_result")
+        + member(contacts.result, "drag"),
+    }
+    if exchange is not None:
+        parts["adhesion"] = part(exchange, "held")
+        parts["substrate coupling"] = _substrate(exchange)
+    if engine.expansions is not None:
+        parts["multi-contact"] = fields(engine.expansions)
+    if walls.any_moves:
+        parts["moving boundaries"] = size(walls.pressing) + size(walls.table)
     return parts
 
 
 def fields(owner: Any) -> int:
     """Bytes of the fields that are attributes of ``owner``."""
     return sum(size(value) for value in vars(owner).values() if isinstance(value, ti.Field))
+
+
+def part(owner: Any, name: str) -> int:
+    """Bytes of one field of ``owner``, which may be absent."""
+    return size(getattr(owner, name)) if hasattr(owner, name) else 0
+
+
+def member(struct: Any, name: str) -> int:
+    """Bytes of one member of a field of structs, which may be absent."""
+    return size(struct.get_member_field(name)) if name in struct.keys else 0
+
+
+def _substrate(exchange: Any) -> int:
+    return fields(exchange) + fields(exchange.solver) + fields(exchange.solver.sums)
 
 
 def size(field: Any) -> int:

@@ -218,6 +218,13 @@ class Summary:
         write_text(self.folder / SUMMARY, json.dumps(_plain(summary), indent=2) + "\n")
 
 
+def amend(folder: Path | str, **entries: Any) -> None:
+    """Add ``entries`` to the summary that a run has left in ``folder``."""
+    path = Path(folder) / SUMMARY
+    summary = json.loads(path.read_text(encoding="utf-8")) | entries
+    write_text(path, json.dumps(_plain(summary), indent=2) + "\n")
+
+
 def _version() -> str:
     try:
         return metadata.version("taichi-dem")

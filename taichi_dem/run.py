@@ -16,7 +16,7 @@ import numpy as np
 
 from taichi_dem import folder as folders
 from taichi_dem import scene_file
-from taichi_dem.output import Frames, History, Output, Progress, State, Summary
+from taichi_dem.output import Frames, History, Output, Progress, State, Summary, amend
 from taichi_dem.scene import Scene
 from taichi_dem.scene_file import Run
 from taichi_dem.validation import InputError, Problem, Range, number_problem
@@ -39,6 +39,7 @@ def run(
 
     ``overrides`` as in :func:`taichi_dem.scene_file.read`; ``duration`` (s) replaces the file's;
     ``error``: the settings are chosen such that it is met (:mod:`taichi_dem.choice`).
+    What the scene leaves out is estimated at the end (:mod:`taichi_dem.neglect`).
     Raises ``InputError`` before anything is written; ``KeyboardInterrupt`` (Ctrl-C) and
     ``SimulationStopped`` after what was computed has been written, the last good state included.
     """
@@ -48,6 +49,8 @@ def run(
     folders.check_free(folder, overwrite)
     print(f"{count(scene.spheres.count, 'sphere')}; compiling …", flush=True)
 
+    from taichi_dem.moments import Moments
+    from taichi_dem.neglect import THRESHOLD, applicable
     from taichi_dem.simulation import Simulation, SimulationStopped
 
     with plain_warnings():
@@ -56,9 +59,14 @@ def run(
         steps, simulated = length(plan, sim.dt)
         print(f"{count(steps, 'step')} of {quantity(sim.dt, 's')}, {sim.dt_reason}", flush=True)
         folders.clear(folder)
+        written = outputs(plan, simulated, folder, notes)
+        left_out = None
+        if plan.estimate_neglected and applicable(scene):
+            left_out = Moments(simulated)
+            written.append(left_out)
         start = time.perf_counter()
         try:
-            sim.run(steps=steps, outputs=outputs(plan, simulated, folder, notes))
+            sim.run(steps=steps, outputs=written)
         except SimulationStopped as stop:
             _finish(sim, folder, time.perf_counter() - start)
             last = folder / folders.LAST_GOOD
@@ -70,6 +78,8 @@ def run(
             _finish(sim, folder, time.perf_counter() - start)
             raise
         _finish(sim, folder, time.perf_counter() - start)
+        if left_out is not None:
+            _estimate(sim, left_out.kept, folder, error or THRESHOLD)
 
 
 def read(path: Path, overrides: Sequence[str], duration: float | None) -> tuple[Scene, Run]:
@@ -157,6 +167,20 @@ def _finish(sim: Any, folder: Path, wall: float) -> None:
     names = ("summary.json", "history.csv", "frames.pvd", "state.npz")
     written = [name for name in names if (folder / name).exists()] + written
     print(f"  written     {', '.join(written)} in {folder}", flush=True)
+
+
+def _estimate(sim: Any, moments: Sequence[Any], folder: Path, threshold: float) -> None:
+    """Say what was left out, and by how much; Ctrl-C leaves this out too."""
+    from taichi_dem.neglect import neglected
+
+    try:
+        found = neglected(sim, moments, say=lambda line: print(f"  {line}", flush=True))
+    except KeyboardInterrupt:
+        print("  left out    not estimated: interrupted")
+        return
+    amend(folder, neglected={effect.name: effect.summary(threshold) for effect in found})
+    for effect in found:
+        print(f"  left out    {effect.sentence(threshold)}", flush=True)
 
 
 def closing(sim: Any, wall: float) -> Iterator[str]:

@@ -36,6 +36,11 @@ READERS = {".csv": Spheres.from_csv, ".npz": Spheres.from_npz}
 INLINE = 1000  # more spheres than this are kept in a file beside the scene's
 UNKNOWN_MATERIAL = Material("unknown", density=1.0, youngs_modulus=1.0, poissons_ratio=0.0)
 
+_SWITCHES = {
+    "energy_balance": "whether what is lost is summed up",
+    "estimate_neglected": "whether what the scene leaves out is estimated at the end",
+}
+
 
 @dataclasses.dataclass(frozen=True)
 class Run:
@@ -47,6 +52,7 @@ class Run:
     frames: float | None = parameter("s", "time between frames", default=None, above=0.0)
     history: float | None = parameter("s", "time between lines", default=None, above=0.0)
     energy_balance: bool = True
+    estimate_neglected: bool = True
 
     def __post_init__(self) -> None:
         problems = []
@@ -56,9 +62,9 @@ class Run:
                 problems.append(Problem("steps", self.steps, "must be a whole number >= 1"))
             if self.duration is not None:
                 problems.append(Problem("steps", self.steps, "give duration or steps, not both"))
-        if not isinstance(self.energy_balance, bool):
-            rule = "must be true or false: whether what is lost is summed up"
-            problems.append(Problem("energy_balance", self.energy_balance, rule))
+        for name, meaning in _SWITCHES.items():
+            if not isinstance(value := getattr(self, name), bool):
+                problems.append(Problem(name, value, f"must be true or false: {meaning}"))
         validate(self, *problems, name="run")
 
 

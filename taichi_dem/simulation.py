@@ -7,7 +7,7 @@ import time
 import warnings
 from collections.abc import Sequence
 from contextlib import ExitStack
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from taichi_dem.engine import Engine
 from taichi_dem.exchange import ground_of
 from taichi_dem.forces import Coefficients
 from taichi_dem.guards import FARTHEST_STEP, SimulationStopped
+from taichi_dem.memory import by_effect
 from taichi_dem.pace import WAYS
 from taichi_dem.scene import Scene, Spheres
 from taichi_dem.schedule import Schedule, interruptible
@@ -27,6 +28,9 @@ from taichi_dem.time_step import StableStep, stable_time_step
 from taichi_dem.validation import InputError, Problem, Range, number_problem, unknown
 from taichi_dem.views import BoundaryState, ParticleState, SubstrateState
 from taichi_dem.writing import Output
+
+if TYPE_CHECKING:
+    from taichi_dem.neglect import Neglected
 
 SECONDS_PER_CHUNK = 0.3  # between two looks at the world outside; no result depends on it
 FIRST_CHUNK = 50  # steps
@@ -97,6 +101,7 @@ class Simulation:
             slot: Coefficients(scene.law, slot, scene.materials) for slot in scene.law.parts()
         }
         self._coefficients = coefficients
+        self._stepping = self._writing = 0.0  # s of wall time
         self._ground = ground_of(scene.substrate) if scene.substrate else None
         self.dt, self.dt_reason = self._choose_step(dt)
         try:
@@ -129,13 +134,16 @@ class Simulation:
         self.scene = dataclasses.replace(self.scene, spheres=spheres)
         self._restart(spheres, dt)
 
-    def _restart(self, spheres: Spheres, dt: float | None) -> None:
-        """Without a look at whether the scene makes sense."""
+    def _restart(
+        self, spheres: Spheres, dt: float | None, motion: np.ndarray | None = None
+    ) -> None:
+        """Without a look at whether the scene makes sense; ``motion`` is that of the boundaries."""
+        self._stepping = self._writing = 0.0
         self.warnings.clear()
         self._memo.clear()
         self._outcome, self.steps, self._next_look = "not run yet", 0, STEPS_TO_LOOK
         self.dt, self.dt_reason = self._choose_step(dt)
-        self._engine.restart(spheres, self.dt)
+        self._engine.restart(spheres, self.dt, motion)
         self._first_energy = _total(self._energy_parts())
 
     # -- running ---------------------------------------------------------------------------------
@@ -163,13 +171,11 @@ class Simulation:
             try:
                 for output in outputs:
                     output.start(self)
-                for output in schedule.due(self.steps):
-                    output.write(self)
+                self._write(schedule.due(self.steps))
                 while self.steps < last and not asked_to_stop.is_set():
                     limit = min(self._chunk, last - self.steps)
                     self._advance(schedule.steps_to_next(self.steps, limit))
-                    for output in schedule.due(self.steps):
-                        output.write(self)
+                    self._write(schedule.due(self.steps))
                 self._outcome = "interrupted" if asked_to_stop.is_set() else "finished"
             except KeyboardInterrupt:
                 self._outcome = "interrupted"
@@ -185,6 +191,12 @@ class Simulation:
             raise KeyboardInterrupt
         self._watch_energy()
 
+    def _write(self, outputs: Sequence[Output]) -> None:
+        start = time.perf_counter()
+        for output in outputs:
+            output.write(self)
+        self._writing += time.perf_counter() - start
+
     def _advance(self, steps: int) -> None:
         self._memo.clear()
         start = time.perf_counter()
@@ -192,7 +204,9 @@ class Simulation:
             self._engine.advance(steps)
         finally:  # a stop goes back to the last good state
             self.steps = self._engine.step
-        per_step = (time.perf_counter() - start) / steps
+        took = time.perf_counter() - start
+        self._stepping += took
+        per_step = took / steps
         self._chunk = max(1, int(SECONDS_PER_CHUNK / per_step))
         self._watch()
 
@@ -297,6 +311,13 @@ class Simulation:
         """What the scene calls for, and why."""
         return self._engine.effects
 
+    def neglected(self) -> "list[Neglected]":
+        """How much each effect that is off though it would act would change the contact forces in
+        the present state; see :mod:`taichi_dem.neglect`. It compiles a simulation for each."""
+        from taichi_dem.neglect import neglected
+
+        return neglected(self)
+
     def coordination(self) -> float:
         """Mean number of contacts of a sphere."""
         records = self.contacts()
@@ -310,7 +331,9 @@ class Simulation:
         return float((records["overlap"] / smaller).max(initial=0.0))
 
     def summary(self) -> dict[str, Any]:
-        """What ``summary.json`` says beside what the clock says."""
+        """What ``summary.json`` says of the simulation, beside its state."""
+        held = by_effect(self._engine)
+        lists = self._engine.listing
         return {
             "outcome": self._outcome,
             "driver": self._engine.pace.driver,
@@ -319,8 +342,17 @@ class Simulation:
             "rebuilds": self._engine.rebuilds,
             "skin_m": self._engine.skin.width,
             **self._lag(),
+            "seconds": {
+                "steps": self._stepping - lists,
+                "contact lists": lists,
+                "output": self._writing,
+            },
             "effects": {
-                effect.name: {"on": effect.on, "reason": effect.reason}
+                effect.name: {
+                    "on": effect.on,
+                    "reason": effect.reason,
+                    "memory_bytes": held.get(effect.name, 0),
+                }
                 for effect in self.effects.listed
             },
         }

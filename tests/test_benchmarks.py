@@ -12,7 +12,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import taichi_dem as dem
 from benchmarks import bed as beds
-from benchmarks import peers, report, run
+from benchmarks import effect_costs, peers, report, run
+from taichi_dem.cost import Cost
 
 FEW = 20
 QUICK = ("--rounds", "2", "--seconds", "0.02")
@@ -39,6 +40,9 @@ def settled(bed):
         ("startup", "-n", str(FEW), "--rounds", "1", "--patience", "0"),
         ("substrate_step", "-n", str(FEW), "-g", str(FEW // 4), *QUICK),
         ("law_costs", "-n", str(FEW), "--laws", "JKR", "EEPA, Mindlin, CDT", *QUICK),
+        pytest.param(
+            ("effect_costs", "-n", str(FEW), "--scenes", "powder", *QUICK), marks=pytest.mark.slow
+        ),
         ("half_space", "--count", "300", "--tolerance", "1e-2"),
         ("cold_solve", "-n", "100"),
         ("moving_contacts", "--side", "3", "--softness", "1", "--periods", "3", "--steps", "20"),
@@ -110,6 +114,25 @@ def test_figure_judges_its_target():
     assert "1 .. 3" in text
     assert text.count("met") == 1
     assert text.count("MISSED") == 1
+
+
+def test_the_table_of_costs_goes_between_its_marks(tmp_path):
+    rubs = Cost("friction", on=(3.0, 2.0, 4.0), off=(2.0, 2.0, 2.0))
+    rolls = Cost("rolling", on=(3.0, 2.0, 4.0), off=(1.0, 1.0, 1.0))
+    stopped = Cost("adhesion", problem="too deep")
+    table = effect_costs.markdown({"bed": [rubs, stopped], "powder": [rubs, rolls]})
+    assert "| friction | +50% (+0% … +100%) | +50% (+0% … +100%) |" in table
+    assert "| rolling |  | +200% (+100% … +300%) |" in table
+    assert "| adhesion | stopped |  |" in table
+    document = tmp_path / "effects.md"
+    document.write_text(f"before\n{effect_costs.BEGIN}old\n{effect_costs.END}after\n")
+    effect_costs.write(document, table)
+    effect_costs.write(document, table)
+    expected = f"before\n{effect_costs.BEGIN}{table}{effect_costs.END}after\n"
+    assert document.read_text() == expected
+    document.write_text("no marks")
+    with pytest.raises(ValueError, match="does not have the lines"):
+        effect_costs.write(document, table)
 
 
 @pytest.mark.peers

@@ -17,10 +17,10 @@ LAYERS = {
     "writing tables toml_text scene_file",
     "kernels": "types control particles effects contact_list grid neighbors boundaries geometry "
     "expansions reciprocal expansion_newton forces pair_sums coupling exchange creep hosted lagged "
-    "integrate meeting drivers energy guards views pace engine",
-    "simulation": "schedule simulation",
+    "integrate meeting drivers energy guards views pace engine memory",
+    "simulation": "schedule simulation moments neglect",
     "outputs": "style wording snapshot frames progress output bed dents plot",
-    "tools": "folder run memory check settings record accuracy orders closed_form worker workers "
+    "tools": "folder run cost check settings record accuracy orders closed_form worker workers "
     "study_point study_report study_bench studies pilot choice cli __main__",
 }
 MAY_IMPORT = {

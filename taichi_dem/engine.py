@@ -87,7 +87,9 @@ class Engine:
         self.skin = Skin(spheres.radius, skin)
         self.pace = Pace(spheres.count, driver, self.meeting.assembles)
         self._extent = np.maximum(np.ptp(spheres.position, axis=0), 2 * spheres.radius.max())
-        self.grid = Grid(self.particles, self._set_skin(), self._extent)
+        period = scene.period or ()
+        self._extent[: len(period)] = period
+        self.grid = Grid(self.particles, self._set_skin(), self._extent, period)
         self._trees.append(self.grid.tree)
         self.lost, self.rebuilds = 0.0, 0
         self._pairs = PAIRS_PER_PARTICLE * spheres.count + 64
@@ -101,8 +103,8 @@ class Engine:
         self.control.restart(time_step)
         self.particles.fill(spheres)
         self.boundaries.fill(self._place)
-        if self.exchange is not None:
-            self.exchange.restart()
+        if self._hosted is not None:
+            self._hosted.restart()
         self.skin.restart()
         self.grid.cell_size[None] = self._set_skin()
         self.energy.loss(True)
@@ -341,6 +343,7 @@ class Engine:
             return None
         return Exchange(
             substrate,
+            self.scene.period,
             self.particles,
             self.scene.law,
             self.effects,
@@ -364,7 +367,7 @@ class Engine:
     def records(self) -> np.ndarray:
         """The touching contacts now."""
         return contact_records(
-            self.contacts, self.particles, self.boundaries, self.particle_state()
+            self.contacts, self.particles, self.boundaries, self.particle_state(), self.scene.period
         )
 
     def energy_parts(self) -> dict[str, float]:

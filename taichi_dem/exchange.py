@@ -21,6 +21,7 @@ from taichi_dem.effects import Effects
 from taichi_dem.material import Material
 from taichi_dem.pair_sums import of
 from taichi_dem.particles import Particles
+from taichi_dem.periodic import Period
 from taichi_dem.scene import Substrate
 from taichi_dem.types import PRECISION, real, ti, vec2, vec3
 
@@ -57,14 +58,15 @@ def ground_type(finite: bool) -> Any:
     )
 
 
-def ground_of(substrate: Substrate) -> halfspace.HalfSpace:
-    """The half-space that a scene's substrate stands for."""
+def ground_of(substrate: Substrate, period: Period | None = None) -> halfspace.HalfSpace:
+    """The half-space that the substrate of a scene with that period stands for."""
     material = substrate.material
     return halfspace.HalfSpace(
         material.youngs_modulus,
         material.poissons_ratio,
         tolerance=substrate.tolerance,
         coupling=substrate.coupling,
+        period=period,
     )
 
 
@@ -81,6 +83,7 @@ class Exchange:
     def __init__(
         self,
         substrate: Substrate,
+        period: Period | None,
         particles: Particles,
         law,
         effects: Effects,
@@ -93,7 +96,7 @@ class Exchange:
         self.particles, self.control = particles, control
         self.normal, self.table, self.material = law.normal, coefficients.table, material
         self.lagged, self.finite = substrate.exchange == "lagged", substrate.coupling == "finite"
-        self.halfspace = ground_of(substrate)
+        self.halfspace = ground_of(substrate, period)
         self.residual = max(substrate.residual, ROUND_OFF)
         self._soil, self._materials = substrate.material, materials
 
@@ -119,8 +122,9 @@ class Exchange:
         builder.dense(ti.i, 3).place(self.noticed)
         builder.dense(ti.i, len(materials)).place(self.softness)
         builder.place(self.wave_speed, self.on_host)
+        in_kernel = IN_KERNEL_CONTACTS if period is None else 1  # which knows of no images
         self.solver = CoupledSolve(
-            min(n, IN_KERNEL_CONTACTS), self.halfspace.modulus, self.finite, self.lagged, builder
+            min(n, in_kernel), self.halfspace.modulus, self.finite, self.lagged, builder
         )
 
     def fill(self) -> None:
@@ -142,7 +146,8 @@ class Exchange:
     def enrol(self, contacts: ContactList) -> None:
         """Find the members after the contact list has been rebuilt, and who solves for them."""
         self.count = self._enrol(contacts)
-        self.hosted = self.count > self.solver.capacity
+        most = 0 if self.halfspace.period else self.solver.capacity
+        self.hosted = self.count > most
         self.on_host[None] = int(self.hosted)
 
     @ti.kernel

@@ -17,6 +17,11 @@ class HostedExchange:
         self.exchange, self.particles = exchange, exchange.particles
         self._plan: halfspace.Plan | None = None  # of the sums, kept from step to step
 
+    def restart(self) -> None:
+        """Begin anew, with sums that know nothing of those before."""
+        self.exchange.restart()
+        self._plan = None
+
     def update(self, contacts: ContactList) -> None:
         """Expansions and slopes for where the particles are now."""
         exchange, n = self.exchange, self.exchange.count

@@ -84,6 +84,7 @@ def write(path: str | Path, scene: Scene, run: Run | None = None) -> None:
     path = Path(path)
     document = {
         "gravity": list(scene.gravity),
+        "period": list(scene.period) if scene.period else None,
         "materials": {m.name: _without(plain(m), "name") for m in scene.materials},
         "spheres": _spheres_table(scene.spheres, path),
         "boundaries": [{"type": wall.kind, **_named(wall)} for wall in scene.boundaries],

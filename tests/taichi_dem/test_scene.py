@@ -243,14 +243,14 @@ def test_scene_gathers_the_materials_in_order_of_appearance():
 
 def test_scene_refuses_what_is_of_the_wrong_kind():
     assert message(
-        Scene, spheres=3, law=None, boundaries=[4], substrate=5, period=(1, 1), gravity=9.81
+        Scene, spheres=3, law=None, boundaries=[4], substrate=5, period=(1, 0), gravity=9.81
     ) == [
         "spheres = 3: must be Spheres",
         "boundaries[0] = 4: must be a Plane, Box or Piston",
         "substrate = 5: must be a Substrate or None",
         "law: must be a Law",
         "gravity = 9.81: must be three finite numbers",
-        "period = (1, 1): periodic sides are not available yet: must be None",
+        "period = (1, 0): must be (Lx, Ly), two finite lengths > 0 m, or None",
     ]
     assert message(scene, boundaries=3) == ["boundaries = 3: must be a list of boundaries"]
 

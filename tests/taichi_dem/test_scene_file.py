@@ -272,8 +272,8 @@ def test_all_mistakes_are_reported_at_once_with_their_keys(path):
         ),
         (["gravity=1"], ["gravity = 1: must be three finite numbers"]),
         (
-            ["period=[1,1]"],
-            ["period = [1, 1]: periodic sides are not available yet: must be None"],
+            ["period=[1]"],
+            ["period = [1]: must be (Lx, Ly), two finite lengths > 0 m, or None"],
         ),
     ],
 )

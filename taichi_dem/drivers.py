@@ -32,7 +32,8 @@ class Drivers:
     ):
         self.meeting = meeting
         self.forces, self.verlet, self.boundaries = forces, verlet, boundaries
-        self.exchange, self.has_exchange = exchange, exchange is not None
+        self.exchange = exchange
+        self.has_exchange = exchange is not None and exchange.in_kernel
         self.particles, self.contacts = forces.particles, forces.contacts
         self.control = control
         self.moves = boundaries.any_moves

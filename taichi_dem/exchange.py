@@ -122,9 +122,10 @@ class Exchange:
         builder.dense(ti.i, 3).place(self.noticed)
         builder.dense(ti.i, len(materials)).place(self.softness)
         builder.place(self.wave_speed, self.on_host)
-        in_kernel = IN_KERNEL_CONTACTS if period is None else 1  # which knows of no images
+        self.in_kernel = period is None  # where no images are known of
+        capacity = IN_KERNEL_CONTACTS if self.in_kernel else 1
         self.solver = CoupledSolve(
-            min(n, in_kernel), self.halfspace.modulus, self.finite, self.lagged, builder
+            min(n, capacity), self.halfspace.modulus, self.finite, self.lagged, builder
         )
 
     def fill(self) -> None:
@@ -146,8 +147,7 @@ class Exchange:
     def enrol(self, contacts: ContactList) -> None:
         """Find the members after the contact list has been rebuilt, and who solves for them."""
         self.count = self._enrol(contacts)
-        most = 0 if self.halfspace.period else self.solver.capacity
-        self.hosted = self.count > most
+        self.hosted = self.count > (self.solver.capacity if self.in_kernel else 0)
         self.on_host[None] = int(self.hosted)
 
     @ti.kernel

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from taichi_dem.material import Material, distinct, material_problem
-from taichi_dem.packing import deep_overlaps
+from taichi_dem.overlaps import deep_overlaps
 from taichi_dem.periodic import Period, narrow_problem, period_problem, wall_problems
 from taichi_dem.shapes import Boundary, Box, Face, Piston, Plane
 from taichi_dem.spheres import Spheres

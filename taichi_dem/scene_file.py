@@ -30,7 +30,7 @@ SOURCES = {  # ways to give spheres, and the keys that go with each
     "file": ("file", "material"),
     "lammps_data": ("lammps_data", "materials"),
 }
-GENERATE = ("radius", "region", "count", "volume_fraction", "seed")
+GENERATE = ("radius", "region", "count", "volume_fraction", "seed", "periodic")
 READERS = {".csv": Spheres.from_csv, ".npz": Spheres.from_npz}
 INLINE = 1000  # more spheres than this are kept in a file beside the scene's
 UNKNOWN_MATERIAL = Material("unknown", density=1.0, youngs_modulus=1.0, poissons_ratio=0.0)

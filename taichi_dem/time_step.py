@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from taichi_dem.material import Material
-from taichi_dem.packing import overlapping
+from taichi_dem.overlaps import overlapping
 from taichi_dem.periodic import nearest_image
 from taichi_dem.scene import Scene
 

@@ -78,6 +78,50 @@ def test_generated_spheres_fill_the_region_without_overlap(radius, fraction):
     assert abs(volumes.sum() - fraction * 1.5) <= volumes.max() / 2 + 1e-12
 
 
+@pytest.mark.parametrize("fraction", [0.1, 0.55])
+def test_periodic_packings_go_over_the_sides(fraction):
+    """No sphere overlaps an image of another, and centres are as near the sides as anywhere."""
+    low, high = np.array([-1, 2, 0]), np.array([0, 3.2, 1])
+    made = Spheres.generate(
+        GLASS,
+        radius=("uniform", 0.02, 0.06),
+        region=(low, high),
+        volume_fraction=fraction,
+        seed=4,
+        periodic=True,
+    )
+    x, period = made.position, (1.0, 1.2)
+    assert len(overlaps.deep_overlaps(x, made.radius, 0.0, period)[0]) == 0
+    assert len(overlaps.overlapping(x, 1.2 * made.radius, period)[0]) > len(
+        overlaps.overlapping(x, 1.2 * made.radius)[0]
+    )
+    assert ((x >= low) & (x < high))[:, :2].all()
+    assert (x[:, 2] >= made.radius).all() and (x[:, 2] <= 1 - made.radius).all()
+    shares = ((x - low) / (high - low))[:, :2]
+    for axis in range(2):
+        assert stats.kstest(shares[:, axis], "uniform").pvalue > 0.01
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 2**32 - 1), st.floats(1, 20), st.floats(0.01, 0.2))
+def test_overlapping_images_are_found(seed, ratio, typical):
+    """As among all spheres and their images in the cells around."""
+    rng = np.random.default_rng(seed)
+    radius = typical * ratio ** rng.uniform(-1, 0, 80)
+    period = (1.0, 0.9)
+    position = rng.uniform(-2, 3, (80, 3)) * [1, 1, 0.3]
+    inside = np.mod(position[:, :2], period)
+    expected = set()
+    for shift in np.ndindex(3, 3):
+        apart = position[:, None] - position
+        apart[..., :2] = inside[:, None] - inside + (np.array(shift) - 1) * period
+        close = np.linalg.norm(apart, axis=-1) < radius[:, None] + radius
+        expected |= set(zip(*np.nonzero(np.triu(close, k=1)), strict=True))
+    pairs = zip(*overlaps.overlapping(position, radius, period), strict=True)
+    found = [tuple(sorted(pair)) for pair in pairs]
+    assert len(found) == len(set(found)) and set(found) == expected
+
+
 def test_equal_arguments_give_equal_packings():
     def made(seed):
         return Spheres.generate(

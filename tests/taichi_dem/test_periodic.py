@@ -183,3 +183,39 @@ def test_a_collision_over_the_seam_is_that_in_the_middle():
     scale = np.abs(ends[0]).max(axis=0)
     for end in ends[1:]:
         assert np.abs(end - ends[0]).max(axis=0) / scale == pytest.approx(0, abs=1e-11)
+
+
+# -- laws that reach further -----------------------------------------------------------------------
+
+
+def test_a_cell_leaves_room_for_contacts_held_past_touching():
+    setup = scene(
+        [[0, 0, 5 * R]], R, law=dem.Law(dem.JKR(0.5, restitution=1.0)), period=(4 * R, 9 * R)
+    )
+    with pytest.raises(dem.InputError, match=r"period = .* twice the .* m that contacts are held"):
+        dem.Simulation(setup)
+
+
+@pytest.mark.slow
+def test_contacts_that_feel_each_other_do_so_over_the_seam():
+    """A cluster of spheres whose bulk bulges: the same wherever the sides cut it."""
+    rng = np.random.default_rng(47)
+    x = 1.96 * R * np.stack(np.meshgrid(*[range(2)] * 3), axis=-1).reshape(-1, 3) + 5 * R
+    x += rng.uniform(-0.01, 0.01, x.shape) * R
+    laws = dem.Law(dem.Hertz(1.0), surface=dem.MultiContact())
+    sim = dem.Simulation(scene(x, R, law=laws, period=(8 * R, 7 * R)))
+    ends = []
+    for shift in (
+        np.zeros(3),
+        [2.1 * R, 1.2 * R, 0],
+        [80 * R, -7 * R, 0] * rng.integers(-1, 2, (8, 1)),
+    ):
+        restart(sim, x + shift)
+        force = sim.particles.force.copy()
+        sim.run(steps=100)
+        ends.append(np.hstack([sim.particles.position - shift, sim.particles.velocity, force]))
+    plain = dem.Simulation(scene(x, R, law=law(), period=(8 * R, 7 * R))).particles.force
+    scale = np.abs(ends[0]).max(axis=0)
+    assert np.abs(ends[0][:, 6:] - plain).max() > 0.01 * np.abs(plain).max()
+    for end in ends[1:]:
+        assert np.abs(end - ends[0]).max(axis=0) / scale == pytest.approx(0, abs=1e-8)

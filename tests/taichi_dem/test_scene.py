@@ -302,3 +302,41 @@ def test_a_packing_in_wrong_units_is_refused_without_listing_every_pair():
     lines = message(scene, spheres=Spheres(x, 10.0, GLASS))
     assert len(lines) == 4 and lines[-1].startswith("spheres.position: and ")
     assert len(message(scene, spheres=Spheres(np.ones((20000, 3)), 10.0, GLASS))) == 4
+
+
+@pytest.mark.parametrize(
+    "period", [0, (1,), (1, 2, 3), (1, -1), (math.inf, 1), (1, math.nan), "xy"]
+)
+def test_a_period_is_two_lengths(period):
+    [line] = message(scene, period=period)
+    assert line.startswith("period = ") and line.endswith(
+        "must be (Lx, Ly), two finite lengths > 0 m, or None"
+    )
+
+
+def test_periodic_sides_leave_room_and_have_no_walls():
+    walls = [
+        Plane((0, 0, 0), (0.1, 0, 1), GLASS),
+        Plane((0, 0, 0), (0, 0, 3), GLASS, velocity=(1, 0, 0)),
+        Box((-1, -math.inf, 0), (math.inf, 2, 2), GLASS),
+        Piston((0, 9, 0), (0, -1, 0), GLASS, velocity=1),
+    ]
+    rule = "the sides are periodic along x and y"
+    assert message(scene, spheres=one((0, 0.5, 1)), boundaries=walls, period=(0.4, 0.3)) == [
+        "period = (0.4, 0.3): must be at least 0.4 m, four times the largest radius: else a sphere "
+        "could touch two images of another",
+        f"boundaries[0].normal = (0.1, 0.0, 1.0): must be along z: {rule}",
+        f"boundaries[2].low = (-1.0, -inf, 0.0): must be -inf along x and y: {rule}",
+        f"boundaries[2].high = (inf, 2.0, 2.0): must be inf along x and y: {rule}",
+        f"boundaries[3].normal = (0.0, -1.0, 0.0): must be along z: {rule}",
+    ]
+    made = scene(spheres=one((70, -8, 1)), boundaries=walls[1:2], period=[np.float32(1), 2])
+    assert made.period == (1.0, 2.0)
+
+
+def test_overlaps_over_periodic_sides_are_seen():
+    spheres = Spheres([[0.05, 0.1, 1], [0.93, -0.85, 1]], 0.1, GLASS)
+    scene(spheres=spheres)
+    scene(spheres=spheres, period=(1.0, 1.1))
+    [line] = message(scene, spheres=spheres, period=(1.0, 1.0))
+    assert line.startswith("spheres.position[1] = [0.93, -0.85, 1.0]: overlaps sphere 0 by 0.07 m")

@@ -367,9 +367,13 @@ def scenes(draw):
     )
     friction = draw(st.none() | st.builds(Friction, floats(0, 1e9)))
     pair = {"normal": Spring(draw(floats(0.1, 1)), "ü\n\"'", limit=draw(positive))}
+    boundaries, period = draw(st.lists(walls, max_size=3)), None
+    if not any(isinstance(wall, Box) for wall in boundaries):
+        period = draw(st.none() | st.tuples(floats(7, 1e9), floats(2, 1e9)))
     return Scene(
         spheres=spheres,
-        boundaries=draw(st.lists(walls, max_size=3)),
+        boundaries=boundaries,
+        period=period,
         substrate=draw(st.none() | st.builds(Substrate, material, floats(1e-9, 0.5))),
         law=Law(
             Spring(0.5, strict=True),

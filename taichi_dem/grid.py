@@ -95,12 +95,12 @@ class Grid:
         return number
 
     @ti.func
-    def place(self, axis: ti.template(), cell, cells):
+    def slot(self, axis: ti.template(), cell, cells):
         """Where any number of a cell along x or y stands in the tree."""
-        place = cell & self.mask[axis]
+        slot = cell & self.mask[axis]
         if ti.static(axis < len(self.period)):
-            place = cell % cells[axis]
-        return place
+            slot = cell % cells[axis]
+        return slot
 
     @ti.kernel
     def sort(self):

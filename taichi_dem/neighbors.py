@@ -164,7 +164,7 @@ class Neighbors:
             piece = ti.min(left, BLOCK[2] - z % BLOCK[2])
             for x in range(corner[0], corner[0] + width[0]):
                 for y in range(corner[1], corner[1] + width[1]):
-                    low = ti.Vector([self.grid.place(0, x, cells), self.grid.place(1, y, cells), z])
+                    low = ti.Vector([self.grid.slot(0, x, cells), self.grid.slot(1, y, cells), z])
                     begin = self.grid.end[low] - self.grid.population[low]
                     for t in range(begin, self.grid.end[low + ti.Vector([0, 0, piece - 1])]):
                         apart = nearest_image(position - near[t].position, self.grid.period)

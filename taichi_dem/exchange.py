@@ -123,9 +123,9 @@ class Exchange:
         builder.dense(ti.i, len(materials)).place(self.softness)
         builder.place(self.wave_speed, self.on_host)
         self.in_kernel = period is None  # where no images are known of
-        capacity = IN_KERNEL_CONTACTS if self.in_kernel else 1
+        most = IN_KERNEL_CONTACTS if self.in_kernel else 1
         self.solver = CoupledSolve(
-            min(n, capacity), self.halfspace.modulus, self.finite, self.lagged, builder
+            min(n, most), self.halfspace.modulus, self.finite, self.lagged, builder
         )
 
     def fill(self) -> None:

@@ -78,10 +78,11 @@ def _finite_corner(box: Box) -> np.ndarray:
 
 @ti.data_oriented
 class Boundaries:
-    """Fields of the faces and of the motion of the boundaries they belong to."""
+    """Fields of the faces and of the motion of the boundaries they belong to; ``period``: the
+    lengths of the sides that are periodic, m, or ()."""
 
     def __init__(self, scene: Scene, particles: Particles, builder: "ti.FieldsBuilder"):
-        self._scene, self.particles = scene, particles
+        self._scene, self.particles, self.period = scene, particles, scene.period or ()
         self._travels = [_travel_of(boundary) for boundary in scene.boundaries]
         faces = [(b, *face) for b, wall in enumerate(scene.boundaries) for face in wall.faces()]
         self._faces = faces

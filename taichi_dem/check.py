@@ -84,6 +84,9 @@ def what_there_is(scene: Scene) -> Iterator[tuple[str, str]]:
         )
     for k, boundary in enumerate(scene.boundaries):
         yield "" if k else "boundaries", f"{k}: {_boundary(boundary)}"
+    if scene.period is not None:
+        sides = (quantity(side, "m") for side in scene.period)
+        yield "period", "{} along x, {} along y".format(*sides)
     if scene.substrate is not None:
         from taichi_dem.exchange import FAST_IMPACT
 

@@ -19,7 +19,7 @@ HEAD_ON = 1e-12  # of the speed, that may be across the line of centres
 def rebound(scene: Scene) -> np.ndarray | None:
     """Velocities (n, 3) m/s after the only impact of the scene, or None where that is not known."""
     spheres, law = scene.spheres, scene.law
-    plain = not np.any(scene.gravity) and not np.any(spheres.omega)
+    plain = not np.any(scene.gravity) and not np.any(spheres.omega) and scene.period is None
     if not plain or not hasattr(law.normal, "restitution") or not _elastic(law.normal):
         return None
     walls: list[Any] = [*scene.boundaries, *([scene.substrate] if scene.substrate else [])]

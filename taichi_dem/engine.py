@@ -95,7 +95,9 @@ class Engine:
         self.skin = Skin(spheres.radius, skin)
         self.pace = Pace(spheres.count, driver, self.meeting.assembles)
         self._extent = np.maximum(np.ptp(spheres.position, axis=0), 2 * spheres.radius.max())
-        self.grid = Grid(self.particles, self._set_skin(), self._extent)
+        period = scene.period or ()
+        self._extent[: len(period)] = period
+        self.grid = Grid(self.particles, self._set_skin(), self._extent, period)
         self._trees.append(self.grid.tree)
         self.lost, self.rebuilds, self.listing = 0.0, 0, 0.0
         self._pairs = PAIRS_PER_PARTICLE * spheres.count + 64
@@ -378,6 +380,7 @@ class Engine:
             return None
         return Exchange(
             substrate,
+            self.scene.period,
             self.particles,
             self.scene.law,
             self.effects,
@@ -406,7 +409,7 @@ class Engine:
     def records(self) -> np.ndarray:
         """The touching contacts now."""
         return contact_records(
-            self.contacts, self.particles, self.boundaries, self.particle_state()
+            self.contacts, self.particles, self.boundaries, self.particle_state(), self.scene.period
         )
 
     def energy_parts(self) -> dict[str, float]:

@@ -20,6 +20,7 @@ from taichi_dem.effects import Effects
 from taichi_dem.material import Material
 from taichi_dem.pair_sums import of
 from taichi_dem.particles import Particles
+from taichi_dem.periodic import Period
 from taichi_dem.scene import Substrate
 from taichi_dem.types import PRECISION, real, ti, vec2, vec3
 
@@ -57,14 +58,15 @@ def ground_type(finite: bool) -> Any:
     )
 
 
-def ground_of(substrate: Substrate) -> halfspace.HalfSpace:
-    """The half-space that a scene's substrate stands for."""
+def ground_of(substrate: Substrate, period: Period | None = None) -> halfspace.HalfSpace:
+    """The half-space that the substrate of a scene with that period stands for."""
     material, layer = substrate.material, substrate.layer
     return halfspace.HalfSpace(
         material.youngs_modulus,
         material.poissons_ratio,
         tolerance=substrate.tolerance,
         coupling=substrate.coupling,
+        period=period,
         layer=None if layer is None else halfspace.Layer(layer.thickness, layer.base),
     )
 
@@ -82,6 +84,7 @@ class Exchange:
     def __init__(
         self,
         substrate: Substrate,
+        period: Period | None,
         particles: Particles,
         law,
         effects: Effects,
@@ -94,8 +97,10 @@ class Exchange:
         self.particles, self.control = particles, control
         self.normal, self.table, self.material = law.normal, coefficients.table, material
         self.lagged, self.finite = substrate.exchange == "lagged", substrate.coupling == "finite"
-        self.halfspace = ground_of(substrate)
-        self.in_kernel, self.layered = substrate.homogeneous, substrate.layer is not None
+        self.halfspace = ground_of(substrate, period)
+        # Only there where every pair of contacts has one and the same simple kernel.
+        self.in_kernel = substrate.homogeneous and period is None
+        self.layered = substrate.layer is not None
         if self.layered:
             self._widest = WIDE_FOR_LAYER[substrate.coupling] * substrate.layer.thickness
         self.residual = max(substrate.residual, ROUND_OFF)

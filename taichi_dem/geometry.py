@@ -18,6 +18,15 @@ Encounter = ti.types.struct(
 )
 
 
+@ti.func
+def nearest_image(apart, period: ti.template()):
+    """The shortest of ``apart`` and its images; ``period``: the lengths of the sides that repeat
+    themselves along x and y, m, or () where none does: then nothing is computed."""
+    for axis in ti.static(range(len(period))):
+        apart[axis] -= period[axis] * ti.round(apart[axis] / period[axis])
+    return apart
+
+
 @ti.data_oriented
 class Geometry:
     """Contacts of ``particles`` with each other, the boundaries' faces and a substrate of material
@@ -25,6 +34,7 @@ class Geometry:
 
     def __init__(self, particles: Particles, boundaries: Boundaries, substrate_material: int):
         self.particles, self.boundaries = particles, boundaries
+        self.period = boundaries.period
         self.substrate_material = substrate_material
         self.has_substrate = substrate_material >= 0
         self.has_faces = boundaries.face_count > 0
@@ -42,7 +52,7 @@ class Geometry:
         )
         if j >= 0:
             partner = self.particles.body[j]
-            separation = body.position - partner.position
+            separation = nearest_image(body.position - partner.position, self.period)
             sum_of_radii = body.radius + partner.radius
             limit = sum_of_radii + reach
             square = separation.dot(separation)

@@ -4,6 +4,7 @@ Both layouts have two levels, blocks of cells, and run under the same kernels; i
 block exists only while something is in it.  Blocks are long in z, where their particles stand one
 after another: a search reads them in few pieces.  Cell numbers wrap around, so the domain
 has no edge: far apart cells may share a slot, which costs a few distance checks and loses nothing.
+Along a side that repeats itself, a whole number of cells makes up one period.
 """
 
 import math
@@ -23,15 +24,22 @@ Near = ti.types.struct(position=vec3, radius=real)
 
 @ti.data_oriented
 class Grid:
-    """Cells of edge ``cell_size`` (m, may change) for ``particles`` spread over ``extent`` (3,) m.
+    """Cells of edge ``cell_size`` (m, may change) for ``particles`` spread over ``extent`` (3,) m;
+    ``period``: the lengths of the sides that repeat themselves along x and y, m, or ().
 
     After :meth:`sort`, the particles of a cell are ``particle[end - population : end]``, and
     those of cells that follow each other in z within a block stand in one piece; ``near`` and
     ``rank`` hold in the same order what a search reads of them.
     """
 
-    def __init__(self, particles: Particles, cell_size: float, extent: np.ndarray):
-        self.particles = particles
+    def __init__(
+        self,
+        particles: Particles,
+        cell_size: float,
+        extent: np.ndarray,
+        period: tuple[float, ...] = (),
+    ):
+        self.particles, self.period = particles, period
         n = particles.count
         blocks = [_power_of_two(cells) for cells in (extent / cell_size + 1) / BLOCK]
         self.dense = math.prod(blocks) * CELLS <= DENSE_CELLS_PER_PARTICLE * max(n, 64)
@@ -66,11 +74,33 @@ class Grid:
     @ti.func
     def cell_at(self, position):
         """The wrapped cell of a point; 64 bits, so that kilometres of micrometre cells fit."""
-        wrapped = ti.Vector([0, 0, 0])
+        wrapped, cells = ti.Vector([0, 0, 0]), self.cells()
         for axis in ti.static(range(3)):
             cell = ti.cast(ti.floor(position[axis] / self.cell_size[None]), ti.i64)
             wrapped[axis] = ti.cast(cell & self.mask[axis], ti.i32)
+        for axis in ti.static(range(len(self.period))):
+            share = position[axis] / self.period[axis]
+            cell = ti.cast((share - ti.floor(share)) * cells[axis], ti.i32)
+            wrapped[axis] = ti.max(0, ti.min(cell, cells[axis] - 1))
         return wrapped
+
+    @ti.func
+    def cells(self):
+        """How many there are along each axis before their numbers repeat; along a periodic side
+        they are as wide as it takes for a whole number of them."""
+        number = ti.Vector(self.mask) + 1
+        for axis in ti.static(range(len(self.period))):
+            fitting = ti.floor(self.period[axis] / self.cell_size[None])
+            number[axis] = ti.cast(ti.max(ti.min(fitting, number[axis]), 1.0), ti.i32)
+        return number
+
+    @ti.func
+    def slot(self, axis: ti.template(), cell, cells):
+        """Where any number of a cell along x or y stands in the tree."""
+        slot = cell & self.mask[axis]
+        if ti.static(axis < len(self.period)):
+            slot = cell % cells[axis]
+        return slot
 
     @ti.kernel
     def sort(self):

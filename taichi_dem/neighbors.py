@@ -8,6 +8,7 @@ from taichi_dem.boundaries import Boundaries
 from taichi_dem.contact_list import APART, FIRST_FACE, SUBSTRATE, TOUCHING, ContactList
 from taichi_dem.control import Control
 from taichi_dem.effects import Effects
+from taichi_dem.geometry import nearest_image
 from taichi_dem.grid import BLOCK, Grid
 from taichi_dem.particles import Particles
 from taichi_dem.types import ti
@@ -152,10 +153,10 @@ class Neighbors:
         if ti.static(self.adhesion):
             skin += self.reach
         position, radius, rank = near[s].position, near[s].radius, ranks[s]
-        mask = ti.Vector(self.grid.mask)
+        mask, cells = ti.Vector(self.grid.mask), self.grid.cells()
         reach = ti.cast(ti.ceil((2 * radius + skin) / self.grid.cell_size[None]), ti.i32)
         corner = self.grid.cell[i] - reach
-        width = ti.min(2 * reach + 1, mask + 1)  # each cell once, however small the grid
+        width = ti.min(2 * reach + 1, cells)  # each cell once, however small the grid
         own = radius + skin
         number, z, left = 0, corner[2], width[2]
         while left > 0:  # a row of cells along z lies in one piece as far as its block goes
@@ -163,10 +164,10 @@ class Neighbors:
             piece = ti.min(left, BLOCK[2] - z % BLOCK[2])
             for x in range(corner[0], corner[0] + width[0]):
                 for y in range(corner[1], corner[1] + width[1]):
-                    low = ti.Vector([x & mask[0], y & mask[1], z])
+                    low = ti.Vector([self.grid.slot(0, x, cells), self.grid.slot(1, y, cells), z])
                     begin = self.grid.end[low] - self.grid.population[low]
                     for t in range(begin, self.grid.end[low + ti.Vector([0, 0, piece - 1])]):
-                        apart = position - near[t].position
+                        apart = nearest_image(position - near[t].position, self.grid.period)
                         limit = own + near[t].radius
                         # A guess is cheaper than a branch: what does not count is overwritten.
                         if number < room:

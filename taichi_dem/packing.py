@@ -1,4 +1,4 @@
-"""Random packings of spheres, and the search for overlaps that they and the checks share."""
+"""Random packings of spheres."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 from scipy.special import ndtr, ndtri
 
+from taichi_dem.overlaps import overlapping
+from taichi_dem.periodic import Period, narrow_problem, nearest_image, wrapped
 from taichi_dem.validation import InputError, Problem, Range, as_numbers, number_problem, unknown
 
 DENSEST = 0.58  # volume fraction; random packings jam at 0.64, and take ever longer before
@@ -27,72 +28,13 @@ DISTRIBUTIONS = {
 }
 
 
-def overlapping(position: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (i, j), each (p,), of the pairs whose centres are nearer than the sum of their radii.
-
-    Radii are grouped by octaves, so that a few large spheres cost the small ones nothing.
-    """
-    octave = np.floor(np.log2(radius / radius.min()))
-    groups = [np.flatnonzero(octave == k) for k in np.unique(octave)]
-    trees = [cKDTree(position[group]) for group in groups]
-    found = []
-    for b, large in enumerate(groups):
-        pairs = trees[b].query_pairs(2 * radius[large].max(), output_type="ndarray")
-        found.append((large[pairs[:, 0]], large[pairs[:, 1]]))
-        for a, small in enumerate(groups[:b]):
-            near = trees[a].query_ball_point(position[large], radius[large] + radius[small].max())
-            counts = np.fromiter(map(len, near), dtype=np.intp, count=len(near))
-            inner = np.fromiter((k for row in near for k in row), np.intp, count=counts.sum())
-            found.append((np.repeat(large, counts), small[inner]))
-    i, j = (np.concatenate(side) for side in zip(*found, strict=True))
-    close = _distance(position, i, j) < radius[i] + radius[j]
-    return i[close], j[close]
-
-
-def deep_overlaps(
-    position: np.ndarray, radius: np.ndarray, fraction: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs i < j that overlap by more than ``fraction`` of the smaller radius, and by how much.
-
-    Cheap searches go first (equal centres, nearest neighbours) and the first to find any ends it: a
-    packing in wrong units may have n^2 overlaps.
-    """
-    for search in (_coincident, _nearest, overlapping):
-        i, j = search(position, radius)
-        overlap = radius[i] + radius[j] - _distance(position, i, j)
-        deep = (i != j) & (overlap > fraction * np.minimum(radius[i], radius[j]))
-        if deep.any():
-            break
-    pairs = np.sort(np.stack([i[deep], j[deep]], axis=1), axis=1)
-    pairs, first = np.unique(pairs, axis=0, return_index=True)
-    return pairs[:, 0], pairs[:, 1], overlap[deep][first]
-
-
-def _coincident(position: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    order = np.lexsort(position.T)
-    same = (position[order[1:]] == position[order[:-1]]).all(axis=1)
-    return order[:-1][same], order[1:][same]
-
-
-def _nearest(position: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    everyone = np.arange(len(position))
-    nearest = (
-        cKDTree(position).query(position, k=min(2, len(position)))[1].reshape(len(position), -1)
-    )
-    return everyone, np.where(nearest[:, 0] == everyone, nearest[:, -1], nearest[:, 0])
-
-
-def _distance(position: np.ndarray, i: np.ndarray, j: np.ndarray) -> np.ndarray:
-    between = position[i] - position[j]
-    return np.sqrt(np.einsum("ij,ij->i", between, between))
-
-
 def generate(
     radius: float | tuple[Any, ...],
     region: tuple[ArrayLike, ArrayLike],
     count: int | None = None,
     volume_fraction: float | None = None,
     seed: int = 0,
+    periodic: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Centres (n, 3) and radii (n,), m, of spheres at random inside a box, none overlapping.
 
@@ -100,14 +42,18 @@ def generate(
     high)``, ``("normal", mean, sigma, low, high)`` or ``("lognormal", median, sigma, low, high)``,
     sigma being the standard deviation, in m, or that of the logarithm. ``region`` is the box, (low,
     high) in m. There are ``count`` spheres, or as many as come nearest to ``volume_fraction`` of
-    the region. Equal arguments give equal packings. Raises ``InputError`` for what is out of range
-    or does not fit.
+    the region. With ``periodic`` the region repeats itself along x and y: centres are everywhere
+    in it, and none overlaps an image of another. Equal arguments give equal packings. Raises
+    ``InputError`` for what is out of range or does not fit.
     """
     problems = [
         _region_problem(region),
         *_radius_problems(radius),
         *_amount_problems(count, volume_fraction),
         None if _is_count(seed, 0) else Problem("seed", seed, "must be a whole number >= 0"),
+        None
+        if isinstance(periodic, bool)
+        else Problem("periodic", periodic, "must be true or false"),
     ]
     if found := [problem for problem in problems if problem]:
         raise _refused(*found)
@@ -126,12 +72,15 @@ def generate(
     if (largest > high - low).any():
         rule = f"must be wider than the largest sphere, {largest:.4g} m with clearance"
         raise _refused(Problem("region", region, rule))
+    period = tuple((high - low)[:2].tolist()) if periodic else None
+    if problem := narrow_problem(period, radii.max()):
+        raise _refused(Problem("region", region, f"its sides x and y {problem.rule}"))
     if fraction > DENSEST:
         most = (
             f"at most {DENSEST} is reachable, about {int(len(radii) * DENSEST / fraction)} spheres"
         )
         raise _refused(amount._replace(rule=f"fills {fraction:.4g} of the region; {most}"))
-    position, factor = place(radii, low, high, rng)
+    position, factor = place(radii, low, high, rng, periodic)
     if factor < 1:
         rule = (
             f"fills {fraction:.4g} of the region, which was not reached; with radii {factor:.4g} "
@@ -216,30 +165,45 @@ def _volume(radius: np.ndarray) -> np.ndarray:
 
 
 def place(
-    radius: np.ndarray, low: np.ndarray, high: np.ndarray, rng: np.random.Generator
+    radius: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    rng: np.random.Generator,
+    periodic: bool = False,
 ) -> tuple[np.ndarray, float]:
-    """Centres of spheres inside a box, and the factor on their radii with which none overlap: 1
-    if they were placed.
+    """Centres of spheres inside a box, whose sides x and y may repeat themselves, and the factor on
+    their radii with which none overlap: 1 if they were placed.
 
     Overlapping spheres are drawn anew, of two the smaller (random sequential addition, all at
     once); when this no longer pays, those that are left push each other apart.
     """
     order = np.argsort(-radius, kind="stable")
     radius = radius[order]
-    margin = radius[:, None] * (1 + CLEARANCE)
+    margin = np.repeat(radius[:, None] * (1 + CLEARANCE), 3, axis=1)
+    corner, period = low, None
+    if periodic:
+        margin[:, :2], period = 0.0, tuple((high - low)[:2])
     low, high = low + margin, high - margin
     x = rng.uniform(low, high)
     for _ in range(REDRAWS):
-        again = np.unique(np.maximum(*overlapping(x, radius)))
+        again = np.unique(np.maximum(*overlapping(x, radius, period)))
         x[again] = rng.uniform(low[again], high[again])
         if not len(again):
             break
-    x, factor = _push_apart(x, radius, low, high)
+    if periodic:
+        low[:, :2], high[:, :2] = -np.inf, np.inf
+    x, factor = _push_apart(x, radius, low, high, period)
+    if periodic:
+        x = corner + wrapped(x - corner, period)
     return x[np.argsort(order)], factor
 
 
 def _push_apart(
-    x: np.ndarray, radius: np.ndarray, low: np.ndarray, high: np.ndarray
+    x: np.ndarray,
+    radius: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    period: Period | None,
 ) -> tuple[np.ndarray, float]:
     """Centres between low and high, moved by pairs until none overlap, the larger one less."""
     n, volume = len(radius), radius**3
@@ -247,11 +211,11 @@ def _push_apart(
     step = np.zeros_like(x)
     for _ in range(PUSHES):
         if (np.square(x - listed).sum(axis=1) > (SKIN * radius) ** 2).any():
-            i, j = overlapping(x, radius * (1 + CLEARANCE + SKIN))
+            i, j = overlapping(x, radius * (1 + CLEARANCE + SKIN), period)
             touching = radius[i] + radius[j]
             share = (volume[j] / (volume[i] + volume[j]))[:, None]
             listed = x
-        between = x[i] - x[j]
+        between = nearest_image(x[i] - x[j], period)
         distance = np.sqrt(np.einsum("ij,ij->i", between, between))
         together = distance == 0  # two that were pushed into one corner
         between[together, 0] = distance[together] = CLEARANCE * radius.min()

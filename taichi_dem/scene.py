@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from taichi_dem.material import Material, distinct
-from taichi_dem.packing import deep_overlaps
+from taichi_dem.overlaps import deep_overlaps
+from taichi_dem.periodic import Period, narrow_problem, period_problem, wall_problems
 from taichi_dem.shapes import Boundary, Box, Piston, Plane
 from taichi_dem.spheres import Spheres
 from taichi_dem.substrate import Substrate
@@ -31,7 +32,9 @@ class Scene:
     """A whole problem; what cannot be simulated is refused with all reasons at once.
 
     Every sphere's centre must lie inside the boundaries and above the substrate, and no two
-    spheres may overlap by more than half of the smaller radius. ``gravity`` is in m/s2.
+    spheres may overlap by more than half of the smaller radius. ``gravity`` is in m/s2. With
+    ``period`` (Lx, Ly), m, spheres and substrate repeat themselves along x and y
+    (:mod:`taichi_dem.periodic`); centres may lie in any cell.
     """
 
     spheres: Spheres
@@ -39,23 +42,24 @@ class Scene:
     substrate: Substrate | None = None
     law: Any
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
-    period: None = None
+    period: Period | None = None
 
     def __post_init__(self) -> None:
         problems = [*self._kind_problems(), *set_vectors(self, "gravity")]
-        problems.append(_not_yet("period", self.period, "periodic sides are"))
+        problems.append(period_problem(self.period))
         problems += self._surface_problems()
         problems += self._creep_problems()
         if not any(problems):
             object.__setattr__(self, "boundaries", tuple(self.boundaries))
             problems += self._name_problems()
+            problems += self._period_problems()
             for k, boundary in enumerate(self.boundaries):
                 where = f"inside boundaries[{k}]"
                 problems += _outside_problems(self.spheres.position, boundary, where)
             if self.substrate:
                 where = "above the substrate"
                 problems += _outside_problems(self.spheres.position, self.substrate, where)
-            problems += _overlap_problems(self.spheres)
+            problems += _overlap_problems(self.spheres, self.period)
         if found := [problem for problem in problems if problem]:
             raise InputError(found)
 
@@ -95,6 +99,13 @@ class Scene:
             check("substrate", self.substrate, Substrate | None, "a Substrate or None"),
             None if hasattr(self.law, "normal") else Problem("law", self.law, "must be a Law"),
         ]
+
+    def _period_problems(self) -> list[Problem | None]:
+        if self.period is None:
+            return []
+        object.__setattr__(self, "period", tuple(float(side) for side in self.period))
+        largest = float(self.spheres.radius.max())
+        return [narrow_problem(self.period, largest), *wall_problems(self.boundaries)]
 
     def _surface_problems(self) -> list[Problem]:
         """A surface law and a substrate that gives, which nothing solves together yet."""
@@ -142,8 +153,8 @@ def _outside_problems(
     return first_few("spheres.position", beyond >= 0, position, rule)
 
 
-def _overlap_problems(spheres: Spheres) -> list[Problem]:
-    i, j, overlap = deep_overlaps(spheres.position, spheres.radius, DEEPEST_OVERLAP)
+def _overlap_problems(spheres: Spheres, period: Period | None) -> list[Problem]:
+    i, j, overlap = deep_overlaps(spheres.position, spheres.radius, DEEPEST_OVERLAP, period)
     pair_of = dict(zip(j.tolist(), range(len(j)), strict=True))
     wrong = np.zeros(spheres.count, dtype=bool)
     wrong[j] = True
@@ -156,8 +167,3 @@ def _overlap_problems(spheres: Spheres) -> list[Problem]:
         return f"overlaps sphere {other} by {depth:.3g} m; at most {limit:.3g} m is accepted"
 
     return first_few("spheres.position", wrong, spheres.position, rule)
-
-
-def _not_yet(name: str, value: Any, what: str) -> Problem | None:
-    rule = f"{what} not available yet: must be None"
-    return None if value is None else Problem(name, value, rule)

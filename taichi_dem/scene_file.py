@@ -31,7 +31,7 @@ SOURCES = {  # ways to give spheres, and the keys that go with each
     "file": ("file", "material"),
     "lammps_data": ("lammps_data", "materials"),
 }
-GENERATE = ("radius", "region", "count", "volume_fraction", "seed")
+GENERATE = ("radius", "region", "count", "volume_fraction", "seed", "periodic")
 READERS = {".csv": Spheres.from_csv, ".npz": Spheres.from_npz}
 INLINE = 1000  # more spheres than this are kept in a file beside the scene's
 UNKNOWN_MATERIAL = Material("unknown", density=1.0, youngs_modulus=1.0, poissons_ratio=0.0)
@@ -91,6 +91,7 @@ def write(path: str | Path, scene: Scene, run: Run | None = None) -> None:
     path = Path(path)
     document = {
         "gravity": list(scene.gravity),
+        "period": list(scene.period) if scene.period else None,
         "materials": {m.name: _without(plain(m), "name") for m in scene.materials},
         "spheres": _spheres_table(scene.spheres, path),
         "boundaries": [{"type": wall.kind, **_named(wall)} for wall in scene.boundaries],

@@ -22,6 +22,7 @@ from taichi_dem.forces import Coefficients
 from taichi_dem.guards import FARTHEST_STEP, SimulationStopped
 from taichi_dem.memory import by_effect
 from taichi_dem.pace import WAYS
+from taichi_dem.periodic import narrow_problem
 from taichi_dem.scene import Scene, Spheres
 from taichi_dem.schedule import Schedule, interruptible
 from taichi_dem.time_step import StableStep, stable_time_step
@@ -97,12 +98,14 @@ class Simulation:
         self._memo: dict[str, Any] = {}
         self._outcome, self._chunk, self._next_look = "not run yet", FIRST_CHUNK, STEPS_TO_LOOK
         effects = effects_of(scene, energy_balance)
+        if problem := narrow_problem(scene.period, scene.spheres.radius.max(), effects.reach):
+            raise InputError([problem])
         coefficients = {
             slot: Coefficients(scene.law, slot, scene.materials) for slot in scene.law.parts()
         }
         self._coefficients = coefficients
         self._stepping = self._writing = 0.0  # s of wall time
-        self._ground = ground_of(scene.substrate) if scene.substrate else None
+        self._ground = ground_of(scene.substrate, scene.period) if scene.substrate else None
         self.dt, self.dt_reason = self._choose_step(dt)
         try:
             self._engine = Engine(scene, effects, coefficients, self.dt, driver, max_overlap, skin)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from taichi_dem.periodic import nearest_image, wrapped
 from taichi_dem.writing import replacing
 
 FILE = "state.npz"
@@ -20,7 +21,8 @@ class Snapshot:
 
     ``contact_j`` is another sphere (>= 0), the substrate (-1) or boundary k (-2-k).
     ``depression`` (ny, nx) is positive downward, at the points ``grid_y`` x ``grid_x``; empty if
-    the scene has no substrate. The period of a scene that has none is NaN.
+    the scene has no substrate. The period of a scene that has none is NaN; of one that has, all
+    spheres are shown in the cell 0 <= x < Lx, 0 <= y < Ly, which the grid covers.
     """
 
     time: float
@@ -65,7 +67,9 @@ class Snapshot:
         contacts = sim.contacts()
         for name in ("i", "j", "overlap", "force", "position", "normal"):
             columns[f"contact_{name}"] = np.array(contacts[name])
-        period = getattr(scene, "period", None)
+        period, position = scene.period, columns["position"]
+        columns["position"] = wrapped(position, period)
+        columns["contact_position"] += (columns["position"] - position)[columns["contact_i"]]
         return cls(
             time=float(sim.time),
             step=int(sim.steps),
@@ -122,9 +126,8 @@ class Snapshot:
         end = self.contact_position.copy()
         pair = self.contact_j >= 0
         branch = self.position[self.contact_j[pair]] - start[pair]
-        if np.isfinite(self.period).all():
-            branch[:, :2] -= np.round(branch[:, :2] / self.period) * self.period
-        end[pair] = start[pair] + branch
+        period = tuple(self.period) if np.isfinite(self.period).all() else None
+        end[pair] = start[pair] + nearest_image(branch, period)
         return np.stack([start, end], axis=1)
 
 
@@ -140,10 +143,14 @@ def _substrate(sim: Any, points: int, cover: np.ndarray | None) -> dict[str, np.
             "grid_y": np.empty(0),
             "depression": np.empty((0, 0)),
         }
-    position = np.array(substrate.position, dtype=float).reshape(-1, 2)
+    period = sim.scene.period
+    position = wrapped(np.array(substrate.position, dtype=float).reshape(-1, 2), period)
     contact_radius = np.array(substrate.contact_radius, dtype=float)
     touching = np.asarray(substrate.particle, dtype=int)
-    x, y = _grid(sim.particles, position, touching, points, cover)
+    if period is None:
+        x, y = _around(sim.particles, position, touching, points, cover)
+    else:
+        x, y = _grid(np.zeros(2), np.array(period), points)
     depression = np.zeros((len(y), len(x)))
     if len(position) and depression.size:
         nodes = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
@@ -158,7 +165,7 @@ def _substrate(sim: Any, points: int, cover: np.ndarray | None) -> dict[str, np.
     }
 
 
-def _grid(
+def _around(
     particles: Any, dents: np.ndarray, touching: np.ndarray, points: int, cover: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates of a grid of square cells around the dents, or below the spheres if none."""
@@ -175,6 +182,11 @@ def _grid(
     low, high = low - 0.5 * spare, high + 0.5 * spare
     if cover is not None:
         low, high = np.minimum(low, cover[0]), np.maximum(high, cover[1])
+    return _grid(low, high, points)
+
+
+def _grid(low: np.ndarray, high: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates of square cells over a rectangle, ``points`` along its longer side."""
     spacing = (high - low).max() / (points - 1)
     x, y = (
         0.5 * (low[k] + high[k]) + spacing * (np.arange(count) - 0.5 * (count - 1))

@@ -118,14 +118,16 @@ class Spheres:
         count: int | None = None,
         volume_fraction: float | None = None,
         seed: int = 0,
+        periodic: bool = False,
         velocity: Any = (0.0, 0.0, 0.0),
         omega: Any = (0.0, 0.0, 0.0),
     ) -> Spheres:
-        """Spheres at random, none overlapping another, all inside ``region``.
+        """Spheres at random, none overlapping another, all inside ``region``, of which the sides
+        along x and y may be the period of the scene.
 
         See :func:`taichi_dem.packing.generate` for the arguments.
         """
-        position, radii = packing.generate(radius, region, count, volume_fraction, seed)
+        position, radii = packing.generate(radius, region, count, volume_fraction, seed, periodic)
         return cls(position, radii, material, velocity, omega)
 
     @classmethod

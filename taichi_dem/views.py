@@ -8,6 +8,7 @@ import numpy as np
 from taichi_dem.boundaries import Boundaries
 from taichi_dem.contact_list import APART, FIRST_FACE, ContactList
 from taichi_dem.particles import Particles
+from taichi_dem.periodic import Period, nearest_image
 from taichi_dem.types import ti
 
 
@@ -15,7 +16,8 @@ from taichi_dem.types import ti
 class ParticleState:
     """The spheres at one moment; each array (n, 3) or (n,), SI units.
 
-    ``force`` includes gravity; ``material`` indexes ``scene.materials``.
+    ``force`` includes gravity; ``material`` indexes ``scene.materials``. In a periodic scene
+    ``position`` goes on without a jump when a sphere leaves the cell.
     """
 
     position: np.ndarray
@@ -98,11 +100,16 @@ def _copy_contacts(
 
 
 def contact_records(
-    contacts: ContactList, particles: Particles, boundaries: Boundaries, state: ParticleState
+    contacts: ContactList,
+    particles: Particles,
+    boundaries: Boundaries,
+    state: ParticleState,
+    period: Period | None = None,
 ) -> np.ndarray:
     """One record per touching contact: i, j (>= 0 sphere, -1 substrate, -2-b boundary b), face
     (-1 where there is none), overlap (m), force on i (N), position of the contact (m), normal from
-    j to i; with a rolling law, its torque on i (N m); and what the laws remember, by name."""
+    j to i (both at i, of its nearest image j); with a rolling law, its torque on i (N m); and what
+    the laws remember, by name."""
     room = max(1, contacts.count())
     ends, overlap = np.empty((room, 3), np.int32), np.empty(room)
     force, torque = np.empty((2, room, 3))
@@ -132,7 +139,7 @@ def contact_records(
     normal = np.zeros((found, 3))
     normal[:, 2] = 1.0
     sphere = j >= 0
-    apart = state.position[i[sphere]] - state.position[j[sphere]]
+    apart = nearest_image(state.position[i[sphere]] - state.position[j[sphere]], period)
     normal[sphere] = apart / np.linalg.norm(apart, axis=1, keepdims=True)
     normals = boundaries.normals()
     if wall.any():

@@ -13,8 +13,8 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("taichi_dem", "halfspace")
 
 LAYERS = {
-    "scene": "validation material shapes packing sphere_files spheres substrate scene time_step "
-    "writing tables toml_text scene_file",
+    "scene": "validation material shapes periodic overlaps packing sphere_files spheres substrate "
+    "scene time_step writing tables toml_text scene_file",
     "kernels": "types control particles effects contact_list grid neighbors boundaries geometry "
     "expansions reciprocal expansion_newton forces pair_sums coupling exchange creep hosted lagged "
     "integrate meeting drivers energy guards views pace engine memory",

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from taichi_dem import packing
+from taichi_dem import overlaps
 from taichi_dem.scene import Material, Spheres
 from taichi_dem.validation import InputError
 
@@ -38,7 +38,7 @@ def test_overlapping_finds_each_pair_once(seed, ratio, typical):
     position = rng.uniform(0, 1, (200, 3))
     i, j, overlap = all_pairs(position, radius)
     expected = set(zip(i[overlap > 0], j[overlap > 0], strict=True))
-    pairs = zip(*packing.overlapping(position, radius), strict=True)
+    pairs = zip(*overlaps.overlapping(position, radius), strict=True)
     found = [tuple(sorted(pair)) for pair in pairs]
     assert len(found) == len(expected) and set(found) == expected
 
@@ -47,13 +47,13 @@ def test_deep_overlaps_finds_a_pair_that_is_not_of_nearest_neighbours():
     """The large sphere sits deep in the middle one, whose nearest neighbour is a small one."""
     position = np.array([[0.0, 0, 0], [2.4, 0, 0], [0, 1.3, 0]])
     radius = np.array([1.0, 1.99, 0.2])
-    i, j, overlap = packing.deep_overlaps(position, radius, 0.5)
+    i, j, overlap = overlaps.deep_overlaps(position, radius, 0.5)
     assert (i.tolist(), j.tolist()) == ([0], [1])
     np.testing.assert_allclose(overlap, 0.59)
 
 
 def test_deep_overlaps_of_a_single_sphere():
-    assert len(packing.deep_overlaps(np.zeros((1, 3)), np.ones(1), 0.5)[0]) == 0
+    assert len(overlaps.deep_overlaps(np.zeros((1, 3)), np.ones(1), 0.5)[0]) == 0
 
 
 @pytest.mark.parametrize(
@@ -71,11 +71,55 @@ def test_generated_spheres_fill_the_region_without_overlap(radius, fraction):
     made = Spheres.generate(
         GLASS, radius=radius, region=(low, high), volume_fraction=fraction, seed=4
     )
-    assert len(packing.deep_overlaps(made.position, made.radius, 0.0)[0]) == 0
+    assert len(overlaps.deep_overlaps(made.position, made.radius, 0.0)[0]) == 0
     assert (made.position - made.radius[:, None] >= low).all()
     assert (made.position + made.radius[:, None] <= high).all()
     volumes = 4 / 3 * np.pi * made.radius**3
     assert abs(volumes.sum() - fraction * 1.5) <= volumes.max() / 2 + 1e-12
+
+
+@pytest.mark.parametrize("fraction", [0.1, 0.55])
+def test_periodic_packings_go_over_the_sides(fraction):
+    """No sphere overlaps an image of another, and centres are as near the sides as anywhere."""
+    low, high = np.array([-1, 2, 0]), np.array([0, 3.2, 1])
+    made = Spheres.generate(
+        GLASS,
+        radius=("uniform", 0.02, 0.06),
+        region=(low, high),
+        volume_fraction=fraction,
+        seed=4,
+        periodic=True,
+    )
+    x, period = made.position, (1.0, 1.2)
+    assert len(overlaps.deep_overlaps(x, made.radius, 0.0, period)[0]) == 0
+    assert len(overlaps.overlapping(x, 1.2 * made.radius, period)[0]) > len(
+        overlaps.overlapping(x, 1.2 * made.radius)[0]
+    )
+    assert ((x >= low) & (x < high))[:, :2].all()
+    assert (x[:, 2] >= made.radius).all() and (x[:, 2] <= 1 - made.radius).all()
+    shares = ((x - low) / (high - low))[:, :2]
+    for axis in range(2):
+        assert stats.kstest(shares[:, axis], "uniform").pvalue > 0.01
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 2**32 - 1), st.floats(1, 20), st.floats(0.01, 0.2))
+def test_overlapping_images_are_found(seed, ratio, typical):
+    """As among all spheres and their images in the cells around."""
+    rng = np.random.default_rng(seed)
+    radius = typical * ratio ** rng.uniform(-1, 0, 80)
+    period = (1.0, 0.9)
+    position = rng.uniform(-2, 3, (80, 3)) * [1, 1, 0.3]
+    inside = np.mod(position[:, :2], period)
+    expected = set()
+    for shift in np.ndindex(3, 3):
+        apart = position[:, None] - position
+        apart[..., :2] = inside[:, None] - inside + (np.array(shift) - 1) * period
+        close = np.linalg.norm(apart, axis=-1) < radius[:, None] + radius
+        expected |= set(zip(*np.nonzero(np.triu(close, k=1)), strict=True))
+    pairs = zip(*overlaps.overlapping(position, radius, period), strict=True)
+    found = [tuple(sorted(pair)) for pair in pairs]
+    assert len(found) == len(set(found)) and set(found) == expected
 
 
 def test_equal_arguments_give_equal_packings():
@@ -197,7 +241,7 @@ def test_hydrogel_packing():
     assert beads.radius[0] == 0.0192777 / 2
     np.testing.assert_array_equal(beads.velocity[513], [-4.905e-06, -9.81703e-05, -2.39189e-4])
     np.testing.assert_allclose(beads.mass[0], 11.5 * np.pi / 6 * 0.0192777**3)
-    assert len(packing.deep_overlaps(beads.position, beads.radius, 0.06)[0]) == 0
+    assert len(overlaps.deep_overlaps(beads.position, beads.radius, 0.06)[0]) == 0
     [line] = message(Spheres.from_lammps_data, HYDROGEL, GLASS)
     assert line.endswith(
         "atoms of type 1 have density 11.5 kg/m3 in the file, and their material 'glass' 2500; "

@@ -286,14 +286,14 @@ def test_scene_gathers_the_materials_in_order_of_appearance():
 
 def test_scene_refuses_what_is_of_the_wrong_kind():
     assert message(
-        Scene, spheres=3, law=None, boundaries=[4], substrate=5, period=(1, 1), gravity=9.81
+        Scene, spheres=3, law=None, boundaries=[4], substrate=5, period=(1, 0), gravity=9.81
     ) == [
         "spheres = 3: must be Spheres",
         "boundaries[0] = 4: must be a Plane, Box or Piston",
         "substrate = 5: must be a Substrate or None",
         "law: must be a Law",
         "gravity = 9.81: must be three finite numbers",
-        "period = (1, 1): periodic sides are not available yet: must be None",
+        "period = (1, 0): must be (Lx, Ly), two finite lengths > 0 m, or None",
     ]
     assert message(scene, boundaries=3) == ["boundaries = 3: must be a list of boundaries"]
 
@@ -345,3 +345,41 @@ def test_a_packing_in_wrong_units_is_refused_without_listing_every_pair():
     lines = message(scene, spheres=Spheres(x, 10.0, GLASS))
     assert len(lines) == 4 and lines[-1].startswith("spheres.position: and ")
     assert len(message(scene, spheres=Spheres(np.ones((20000, 3)), 10.0, GLASS))) == 4
+
+
+@pytest.mark.parametrize(
+    "period", [0, (1,), (1, 2, 3), (1, -1), (math.inf, 1), (1, math.nan), "xy"]
+)
+def test_a_period_is_two_lengths(period):
+    [line] = message(scene, period=period)
+    assert line.startswith("period = ") and line.endswith(
+        "must be (Lx, Ly), two finite lengths > 0 m, or None"
+    )
+
+
+def test_periodic_sides_leave_room_and_have_no_walls():
+    walls = [
+        Plane((0, 0, 0), (0.1, 0, 1), GLASS),
+        Plane((0, 0, 0), (0, 0, 3), GLASS, velocity=(1, 0, 0)),
+        Box((-1, -math.inf, 0), (math.inf, 2, 2), GLASS),
+        Piston((0, 9, 0), (0, -1, 0), GLASS, velocity=1),
+    ]
+    rule = "the sides are periodic along x and y"
+    assert message(scene, spheres=one((0, 0.5, 1)), boundaries=walls, period=(0.4, 0.3)) == [
+        "period = (0.4, 0.3): must be at least 0.4 m, four times the largest radius: else a sphere "
+        "could touch two images of another",
+        f"boundaries[0].normal = (0.1, 0.0, 1.0): must be along z: {rule}",
+        f"boundaries[2].low = (-1.0, -inf, 0.0): must be -inf along x and y: {rule}",
+        f"boundaries[2].high = (inf, 2.0, 2.0): must be inf along x and y: {rule}",
+        f"boundaries[3].normal = (0.0, -1.0, 0.0): must be along z: {rule}",
+    ]
+    made = scene(spheres=one((70, -8, 1)), boundaries=walls[1:2], period=[np.float32(1), 2])
+    assert made.period == (1.0, 2.0)
+
+
+def test_overlaps_over_periodic_sides_are_seen():
+    spheres = Spheres([[0.05, 0.1, 1], [0.93, -0.85, 1]], 0.1, GLASS)
+    scene(spheres=spheres)
+    scene(spheres=spheres, period=(1.0, 1.1))
+    [line] = message(scene, spheres=spheres, period=(1.0, 1.0))
+    assert line.startswith("spheres.position[1] = [0.93, -0.85, 1.0]: overlaps sphere 0 by 0.07 m")

@@ -293,8 +293,8 @@ def test_all_mistakes_are_reported_at_once_with_their_keys(path):
         ),
         (["gravity=1"], ["gravity = 1: must be three finite numbers"]),
         (
-            ["period=[1,1]"],
-            ["period = [1, 1]: periodic sides are not available yet: must be None"],
+            ["period=[1]"],
+            ["period = [1]: must be (Lx, Ly), two finite lengths > 0 m, or None"],
         ),
     ],
 )
@@ -389,9 +389,13 @@ def scenes(draw):
     friction = draw(st.none() | st.builds(Friction, floats(0, 1e9)))
     layer = st.none() | st.builds(Layer, floats(1e-6, 1e6), st.sampled_from(BASES))
     pair = {"normal": Spring(draw(floats(0.1, 1)), "ü\n\"'", limit=draw(positive))}
+    boundaries, period = draw(st.lists(walls, max_size=3)), None
+    if not any(isinstance(wall, Box) for wall in boundaries):
+        period = draw(st.none() | st.tuples(floats(7, 1e9), floats(2, 1e9)))
     return Scene(
         spheres=spheres,
-        boundaries=draw(st.lists(walls, max_size=3)),
+        boundaries=boundaries,
+        period=period,
         substrate=draw(st.none() | st.builds(Substrate, material, floats(1e-9, 0.5), layer=layer)),
         law=Law(
             Spring(0.5, strict=True),

@@ -37,7 +37,12 @@ THREADS = _thread_count()
 
 for _name in ("TAICHI", "QUADRANTS"):
     os.environ.setdefault(f"ENABLE_{_name}_HEADER_PRINT", "0")
-ti: Any = importlib.import_module(BACKEND)
+try:
+    ti: Any = importlib.import_module(BACKEND)
+except ModuleNotFoundError:
+    raise ValueError(
+        f"HALFSPACE_BACKEND = {BACKEND}: is not installed; pip install {BACKEND}"
+    ) from None
 
 ABANDONED = 60  # s: a lock on the kernels kept on disk is held for as long as they are read
 real = ti.f64 if PRECISION == "double" else ti.f32

@@ -124,12 +124,15 @@ def effects(sim: Any) -> Iterator[tuple[str, str]]:
 
 
 def run_time(sim: Any, steps: int, built: float) -> str:
-    """An estimate from a short run, and what it is worth."""
-    sim.run(steps=WARM_UP_STEPS)
+    """An estimate from a short run, no longer than the one it is for, and what it is worth."""
+    warm = min(WARM_UP_STEPS, steps // 2)
+    most = min(PILOT_STEPS, steps - warm)
+    sim.run(steps=warm)
     made, start = 0, time.perf_counter()
-    while made < PILOT_STEPS and time.perf_counter() - start < PILOT_SECONDS:
-        sim.run(steps=PILOT_STEPS // 20)
-        made += PILOT_STEPS // 20
+    while made < most and time.perf_counter() - start < PILOT_SECONDS:
+        turn = min(PILOT_STEPS // 20, most - made)
+        sim.run(steps=turn)
+        made += turn
     rate = made / (time.perf_counter() - start)
     whole = steps / rate + built
     text = (

@@ -130,7 +130,7 @@ def variants(scene: Scene, books: bool) -> Iterator[tuple[str, Scene, bool]]:
     if law.surface is not None:
         yield "multi-contact", without("surface"), books
     if ground is not None and ground.exchange != "none":
-        rigid = dataclasses.replace(ground, exchange="none")
+        rigid = dataclasses.replace(ground, exchange="none", layer=None, relaxation=None)
         yield "substrate coupling", dataclasses.replace(scene, substrate=rigid), books
         if ground.coupling == "finite":
             points = dataclasses.replace(ground, coupling="point")

@@ -23,7 +23,7 @@ from taichi_dem.forces import Coefficients, Forces
 from taichi_dem.geometry import Geometry
 from taichi_dem.grid import Grid, best_cell_size
 from taichi_dem.guards import SimulationStopped
-from taichi_dem.hosted import HostedExchange
+from taichi_dem.hosted import NO_EQUILIBRIUM, HostedExchange
 from taichi_dem.integrate import Verlet
 from taichi_dem.lagged import LaggedWatch
 from taichi_dem.meeting import Meeting
@@ -220,11 +220,7 @@ class Engine:
         if reasons & 1 << OVERPRESSED:
             self._stop(*guards.describe_overpressed(self.records()))
         if reasons & 1 << UNSOLVED:
-            self._stop(
-                "the contacts with the substrate found no equilibrium. Try a smaller time step or "
-                "a larger residual",
-                None,
-            )
+            self._stop(NO_EQUILIBRIUM if self._host is None else self._host.trouble, None)
         return reasons
 
     def _stop_at_nonsense(self) -> None:
@@ -248,6 +244,8 @@ class Engine:
             self.exchange.forget()
         if self.creep is not None:
             self.creep.restore(good["creep"])
+        if self.lag is not None:
+            self.lag.restore(good["lag"])
         self.skin.start_again(good["step"])
         self.rebuild(remember=False)
         self._solve_on_host(0.0)
@@ -266,6 +264,7 @@ class Engine:
             "motion": self.boundaries.read(),
             "lost": self.lost + self.energy.loss(False),
             "creep": None if self.creep is None else self.creep.save(),
+            "lag": None if self.lag is None else self.lag.save(),
         }
 
     # -- lists -----------------------------------------------------------------------------------

@@ -15,6 +15,21 @@ from taichi_dem.exchange import Exchange
 from taichi_dem.substrate import Relaxation
 from taichi_dem.types import ti, vec2
 
+MOST_OF_LAYER = 0.6  # of its thickness, a contact's radius: beyond, thinner would come out softer
+NO_EQUILIBRIUM = (
+    "the contacts with the substrate found no equilibrium. Try a smaller time step or a larger "
+    "residual"
+)
+NO_EQUILIBRIUM_ON_LAYER = (
+    "the contacts with the layer found no equilibrium. Where one is wide for the layer, or its law "
+    "stiffer than the layer's own, there is none: try a thicker layer, Hertz's law, or "
+    'coupling="finite"; else a smaller time step'
+)
+TOO_WIDE_FOR_LAYER = (
+    f"a contact is wider than {MOST_OF_LAYER:g} of the thickness of the layer below it, and its "
+    "force no longer to be believed. Try a thicker or stiffer layer, or a smaller load"
+)
+
 
 class Members(NamedTuple):
     """Spheres near the surface: ids; place (n, 2) m; shift (n, 2) m, where they are expected to
@@ -48,6 +63,9 @@ class HostedExchange:
     def __init__(self, exchange: Exchange, relaxation: Relaxation | None):
         self.exchange, self.particles = exchange, exchange.particles
         self._plan: halfspace.Plan | None = None  # of the sums, kept from step to step
+        layer = exchange.halfspace.layer
+        self._widest = np.inf if layer is None else MOST_OF_LAYER * layer.thickness
+        self.trouble = NO_EQUILIBRIUM  # why the run is to be stopped, if it is
         self.creep = None if relaxation is None else Creep(exchange.halfspace, relaxation)
 
     def restart(self) -> None:
@@ -75,7 +93,7 @@ class HostedExchange:
                 else:
                     found = self._creeping(self.creep, now, time_step)
         except halfspace.NotConverged as error:
-            self.exchange.control.flags[UNSOLVED] = 1
+            self._give_up(NO_EQUILIBRIUM_ON_LAYER if self.exchange.layered else NO_EQUILIBRIUM)
             found = error.state
         self.exchange.solver.applications[None] += found.applications
         depth = effective = found.overlap
@@ -83,7 +101,13 @@ class HostedExchange:
             spheres = now.pressed
             effective = self.creep.accept(spheres, now.overlap, found, time_step)
             depth = self.creep.depth(spheres, found.force)
+        if (np.sqrt(depth.clip(0) * now.radius) > self._widest).any():
+            self._give_up(TOO_WIDE_FOR_LAYER)
         self._take(len(depth), depth, effective - now.overlap, found.force, found.slope)
+
+    def _give_up(self, why: str) -> None:
+        """Have the run stopped."""
+        self.exchange.control.flags[UNSOLVED], self.trouble = 1, why
 
     def note_energy(self) -> None:
         """Write down what is stored in the surface: more work than every step should do."""

@@ -6,12 +6,14 @@ symmetric A = sqrt(K) C sqrt(K), but for the sign.  One product per look, carrie
 is the power iteration for the largest of them; |A v|/|v| is never above it.
 """
 
+from typing import Any
+
 import numpy as np
 
 from taichi_dem.exchange import Exchange
 from taichi_dem.types import ti
 
-LOOK_EVERY = 97  # steps: no clock decides where a run is stopped; odd, as what diverges alternates
+LOOK_EVERY = 97  # steps; odd, as what diverges alternates
 FAINTEST = 1e-3  # part of a contact in the vector, that it may grow when others have gone
 RISKY, DIVERGENT = 0.5, 1.0  # spectral radii
 
@@ -35,6 +37,15 @@ class LaggedWatch:
         self.next, self.radius, self.largest, self.risky = LOOK_EVERY, 0.0, 0.0, 0
         self._vector = np.ones(self.particles.count)  # by sphere
         self._plan = None
+
+    def save(self) -> tuple[Any, ...]:
+        """What :meth:`restore` takes."""
+        return self.next, self.radius, self.largest, self.risky, self._vector.copy()
+
+    def restore(self, saved: tuple[Any, ...]) -> None:
+        """Go back to what was known then."""
+        self.next, self.radius, self.largest, self.risky, vector = saved
+        self._vector = vector.copy()
 
     @property
     def diverges(self) -> bool:

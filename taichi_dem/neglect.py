@@ -49,6 +49,8 @@ class Neglected:
         """For people."""
         if self.size is None:
             return f"{self.name} cannot be estimated: {self.problem}"
+        if self.size == np.inf:
+            return f"{self.name} would make forces where there are none: turn it on ({self.entry})"
         if self.matters(threshold):
             return (
                 f"{self.name} would change the median contact force by {percent(self.size)}: "

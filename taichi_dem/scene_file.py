@@ -151,6 +151,10 @@ class _Reader(Tables):
     def material(self, name: Any, path: str) -> Material:
         if isinstance(name, str) and name in self.materials:
             return self.materials[name]
+        if name is None:
+            known = ", ".join(self.materials) or "none yet; make one under [materials]"
+            self.note(path, None, f"is missing: must name one of the materials: {known}")
+            return UNKNOWN_MATERIAL
         self.problems.append(unknown(path, name, name, self.materials, "material"))
         return UNKNOWN_MATERIAL
 

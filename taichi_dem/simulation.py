@@ -98,7 +98,9 @@ class Simulation:
         self._memo: dict[str, Any] = {}
         self._outcome, self._chunk, self._next_look = "not run yet", FIRST_CHUNK, STEPS_TO_LOOK
         effects = effects_of(scene, energy_balance)
-        if problem := narrow_problem(scene.period, scene.spheres.radius.max(), effects.reach):
+        largest = scene.spheres.radius.max()
+        bulge = largest if scene.law.surface else 0.0  # more than bodies bulge before they give up
+        if problem := narrow_problem(scene.period, largest, effects.reach + bulge):
             raise InputError([problem])
         coefficients = {
             slot: Coefficients(scene.law, slot, scene.materials) for slot in scene.law.parts()
@@ -217,8 +219,8 @@ class Simulation:
     def stable(self) -> StableStep:
         """The stable step of the scene, and what sets it."""
         base, ground = 0.0, self._ground
-        if ground is not None and ground.layer is not None:
-            base = float(ground.matrix(np.zeros((1, 2)))[0, 0])
+        if ground is not None and (ground.layer is not None or ground.period is not None):
+            base = min(0.0, float(ground.matrix(np.zeros((1, 2)))[0, 0]))
         return stable_time_step(self.scene, self._coefficients, base)
 
     def _refuse_step(self, dt: float | None, spheres: Spheres) -> None:

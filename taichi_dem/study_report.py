@@ -133,6 +133,8 @@ def _cheapest(study: Any, target: float) -> str:
             f"error {target:g}: {described(point.settings)} is the cheapest, "
             f"{quantity(point.cost, 's')} per simulated second; its error is {point.error:.2g}"
         )
+    if not study.points:
+        return f"error {target:g}: nothing was measured"
     least = min((p.error + 2 * p.uncertainty for p in study.points), default=np.inf)
     doubt = max((p.uncertainty for p in study.points if p.seconds), default=0.0)
     why = f"; the ensemble tells no more than {doubt:.2g}" if doubt > target / 2 else ""

@@ -4,8 +4,8 @@ A contact of two bodies swings with the half period pi sqrt(m*/k); velocity Verl
 with twenty steps.  The stiffness k grows with the overlap, so it is taken at an overlap that the
 scene can reach: that of an impact at the highest speed to be expected, at least 2 % of the radius,
 and as deep as the spheres already overlap at the start.  A substrate shared by many contacts makes
-each of them softer, never stiffer; the base of a layer makes it stiffer, by what is known of one
-contact alone.
+each of them softer, never stiffer; the base of a layer or periodic images make it stiffer, by what
+is known of one contact alone.
 
 The spring of a rolling law swings with pi sqrt(I/(k_r R*)), and is followed as well.  A dashpot,
 which sees the velocity of half a step before, must not reverse it within a step: its step is half

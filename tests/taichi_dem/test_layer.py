@@ -97,9 +97,9 @@ def test_energy_error_falls_by_four_per_halved_step(fresh):
 
 
 def test_contacts_too_wide_for_the_layer_are_warned_of(fresh):
-    """Once, and counted; the library does not say it again."""
+    """Once, and counted; the library does not say it again.  Much wider ones stop the run."""
     position = fresh.scene.spheres.position.copy()
-    position[:3, 2] = 0.5 * R
+    position[:3, 2] = 0.7 * R
     restart(fresh, position, dt=1e-7)
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
@@ -107,6 +107,9 @@ def test_contacts_too_wide_for_the_layer_are_warned_of(fresh):
         fresh.run(steps=2)
     assert len([w for w in seen if "layer" in str(w.message)]) == 1
     assert fresh.warnings["wide_for_layer"] == 3
+    position[:3, 2] = 0.55 * R
+    with pytest.raises(dem.SimulationStopped, match=r"a contact is wider than 0\.6 .*thicker"):
+        restart(fresh, position, dt=1e-7)
 
 
 def test_drivers_and_runs_give_the_same_bits(fresh, monkeypatch):

@@ -40,11 +40,11 @@ class LaggedWatch:
 
     def save(self) -> tuple[Any, ...]:
         """What :meth:`restore` takes."""
-        return self.next, self.radius, self.largest, self.risky, self._vector.copy()
+        return self.next, self.radius, self.risky, self._vector.copy()
 
     def restore(self, saved: tuple[Any, ...]) -> None:
-        """Go back to what was known then."""
-        self.next, self.radius, self.largest, self.risky, vector = saved
+        """Go back to what was known then; ``largest``, which may be why, stays."""
+        self.next, self.radius, self.risky, vector = saved
         self._vector = vector.copy()
 
     @property

@@ -91,8 +91,7 @@ def what_there_is(scene: Scene) -> Iterator[tuple[str, str]]:
         from taichi_dem.exchange import FAST_IMPACT
 
         soil = scene.substrate.material
-        shear = soil.youngs_modulus / (2 * (1 + soil.poissons_ratio))
-        speed = math.sqrt(shear / soil.density)
+        speed = soil.shear_wave_speed
         yield (
             "substrate",
             f"{soil.name} below z = 0; shear waves at {quantity(speed, 'm/s')}, so that impacts "

@@ -44,16 +44,11 @@ def period_problem(value: Any) -> Problem | None:
     """What is wrong with a scene's period, or ``None``."""
     if value is None:
         return None
-    lengths = None if isinstance(value, bool) or _holds_bool(value) else as_numbers(value)
+    lengths = as_numbers(value)
     if lengths is not None and lengths.shape == (2,):
         if np.isfinite(lengths).all() and (lengths > 0).all():
             return None
     return Problem("period", value, "must be (Lx, Ly), two finite lengths > 0 m, or None")
-
-
-def _holds_bool(value: Any) -> bool:
-    """Whether true or false stands among lengths, which NumPy would take for 1 and 0."""
-    return isinstance(value, (list, tuple)) and any(isinstance(side, bool) for side in value)
 
 
 def narrow_problem(period: Period | None, largest: float, reach: float = 0.0) -> Problem | None:

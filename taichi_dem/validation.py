@@ -119,7 +119,10 @@ def validate(instance: Any, *more: Problem | None, name: str | None = None) -> N
 
 
 def as_numbers(value: Any) -> np.ndarray | None:
-    """A new array of doubles, or ``None`` where ``value`` is not a regular array of numbers."""
+    """A new array of doubles, or ``None`` where ``value`` is not a regular array of numbers; true
+    and false, which NumPy would take for 1 and 0 among numbers, are none."""
+    if isinstance(value, (list, tuple)) and any(isinstance(entry, bool) for entry in value):
+        return None
     try:
         array = np.asarray(value)
     except ValueError:

@@ -19,8 +19,8 @@ APART, TOUCHING = range(2)
 Ends = ti.types.struct(i=ti.i32, j=ti.i32)
 
 
-def result_of(effects: Effects) -> Any:
-    """What a contact does to its two bodies, as a struct.
+def result_parts(effects: Effects) -> dict[str, Any]:
+    """What a contact does to its two bodies: the members of a struct.
 
     force         on i
     half_overlap  the arm of a sphere is its radius less this
@@ -35,7 +35,13 @@ def result_of(effects: Effects) -> Any:
         parts["torque"] = vec3
     if effects.losses and not effects.plastic:
         parts["drag"] = real
-    return ti.types.struct(**parts)
+    return parts
+
+
+def booked_parts(effects: Effects) -> dict[str, Any]:
+    """Of that, what the books of energy need of the step before."""
+    work = {"couple", "torque", "force" if effects.plastic else "drag"}
+    return {name: kind for name, kind in result_parts(effects).items() if name in work}
 
 
 def history_type(effects: Effects) -> Any:
@@ -74,8 +80,8 @@ class ContactList:
         self.rolls = effects.rolling
         self.shares_inertia = "rolling_inertia" in effects.asks_for
         builder = ti.FieldsBuilder()
-        Result = result_of(effects)
-        self.ends, self.result = Ends.field(), Result.field()
+        self.ends = Ends.field()
+        self.result = ti.types.struct(**result_parts(effects)).field()
         self.start, self.incidence_start = ti.field(ti.i32), ti.field(ti.i32)
         self.incidence = ti.field(ti.i32)
         self.touching = ti.field(ti.i32)
@@ -98,9 +104,14 @@ class ContactList:
             builder.dense(ti.i, capacity).place(self.history)
             builder.dense(ti.i, capacity).place(self.old_history)
         if self.dissipates:
-            self.lost, self.old_result = ti.field(real), Result.field()
+            booked = booked_parts(effects)
+            self.lost, self.old_result = ti.field(real), ti.types.struct(**booked).field()
             builder.dense(ti.i, capacity).place(self.lost)
             builder.dense(ti.i, capacity).place(self.old_result)
+            self.booked = [
+                tuple(whole.get_member_field(name) for whole in (self.result, self.old_result))
+                for name in booked
+            ]
         if self.shares_inertia:
             self.number = ti.field(ti.i32)
             builder.dense(ti.i, particles).place(self.number)

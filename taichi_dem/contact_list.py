@@ -90,9 +90,9 @@ class ContactList:
         builder.dense(ti.i, capacity).place(self.result)
         builder.dense(ti.i, particles + 1).place(self.start, self.incidence_start)
         builder.dense(ti.i, 2 * capacity).place(self.incidence)
-        self.room = 3 * capacity // particles
+        self.room = 2 * capacity // particles
         self.found, self.name = ti.field(ti.i32), ti.field(ti.i32)
-        builder.dense(ti.i, 3 * capacity).place(self.found)
+        builder.dense(ti.i, 2 * capacity).place(self.found)
         builder.dense(ti.i, 2 * capacity).place(self.name)
         self.old_start, self.old_end = ti.field(ti.i32), ti.field(ti.i32)
         self.old_partner = ti.field(ti.i32)

@@ -25,6 +25,7 @@ from taichi_dem.grid import Grid, best_cell_size
 from taichi_dem.guards import SimulationStopped
 from taichi_dem.hosted import NO_EQUILIBRIUM, HostedExchange
 from taichi_dem.integrate import Verlet
+from taichi_dem.joint import JointExpansions
 from taichi_dem.lagged import LaggedWatch
 from taichi_dem.meeting import Meeting
 from taichi_dem.neighbors import Neighbors
@@ -357,12 +358,15 @@ class Engine:
         if law.surface.lagged:
             made = Expansions(*given)
         else:
-            made = ImplicitExpansions(
-                *given,
-                normal=law.normal,
-                normal_table=self._coefficients["normal"].table,
-                pairs=self._pairs,
-            )
+            needs: dict[str, Any] = {
+                "normal": law.normal,
+                "normal_table": self._coefficients["normal"].table,
+                "pairs": self._pairs,
+            }
+            if self.exchange is None:
+                made = ImplicitExpansions(*given, **needs)
+            else:
+                made = JointExpansions(*given, **needs, exchange=self.exchange)
         self._trees.append(made.tree)
         return made
 

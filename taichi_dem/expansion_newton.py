@@ -67,7 +67,17 @@ class ImplicitExpansions(ReciprocalExpansions):
     # -- the passes of one particle --------------------------------------------------------------
 
     @ti.func
-    def work(self, i):
+    def units(self):
+        """How many shares the present pass has."""
+        return self.particles.count
+
+    @ti.func
+    def work(self, unit):
+        """One share of the present pass."""
+        self.treat(unit)
+
+    @ti.func
+    def treat(self, i):
         """The share of particle ``i`` in the present pass."""
         phase = self.phase[None]
         if phase == MEET:
@@ -106,7 +116,7 @@ class ImplicitExpansions(ReciprocalExpansions):
                     self.separation[p] = reached - met.overlap
                 else:
                     self.rest(2 * p + 1)  # nobody's, after that of another contact
-                self.effective[p] = met.overlap + self.expected(p)
+                self.effective[p] = met.overlap + self.expected(p) + self.lent(p, i, j)
                 deepest = ti.max(deepest, ti.max(met.overlap, self.effective[p]))
         self.near_count[i] = number
         self.sums[i] = vec3(deepest, 0.0, 0.0)
@@ -122,6 +132,11 @@ class ImplicitExpansions(ReciprocalExpansions):
         elif history.age >= 3:
             expected = 3.0 * (past[0] - past[1]) + past[2]
         return expected
+
+    @ti.func
+    def lent(self, p, i, j):
+        """What else a contact that has just been met is expected to rise by."""
+        return 0.0
 
     @ti.func
     def press(self, i):
@@ -252,36 +267,52 @@ class ImplicitExpansions(ReciprocalExpansions):
         elif phase == WEIGH:
             self.judge()
         elif phase == SPREAD:
-            curvature = self.total()[1]
-            self.length[None] = self.product[None] / ti.select(curvature > 0.0, curvature, 1.0)
-            self.phase[None] = ADVANCE if curvature > 0.0 else STEP
+            self.find_length(self.total()[1])
         elif phase == ADVANCE:
-            found = self.total()
-            self.rounds[None] += 1
-            self.turn[None] = found[1] / self.product[None]
-            self.product[None] = found[1]
-            more = found[0] > self.aim[None] and found[1] > 0.0
-            self.phase[None] = SPREAD if more and self.rounds[None] < MOST_ROUNDS else STEP
+            self.turn_on()
         elif phase == STEP:
             self.phase[None] = RAISE
         else:
             self.phase[None] = DONE
 
     @ti.func
+    def find_length(self, curvature):
+        """How far to go along a direction of that ``curvature``; where it is not positive, keep
+        what there is."""
+        self.length[None] = self.product[None] / ti.select(curvature > 0.0, curvature, 1.0)
+        self.phase[None] = ADVANCE if curvature > 0.0 else STEP
+
+    @ti.func
+    def turn_on(self):
+        """After a round: into the next direction, or take the step."""
+        found = self.total()
+        self.rounds[None] += 1
+        self.turn[None] = found[1] / self.product[None]
+        self.product[None] = found[1]
+        more = found[0] > self.aim[None] and found[1] > 0.0
+        self.phase[None] = SPREAD if more and self.rounds[None] < MOST_ROUNDS else STEP
+
+    @ti.func
     def judge(self):
         """Whether the overlaps are good enough, and how to go on if not."""
         found = self.total()
-        error, self.product[None] = found[0], found[1]
-        if error <= self.goal[None]:
+        if found[0] <= self.goal[None]:
             self.phase[None] = TILT
         elif self.made[None] == self.law.iterations:
             self.control.raise_flag(OVERPRESSED)
             self.phase[None] = TILT
         else:
-            better = self.made[None] == 0 or error < self.error[None]
-            self.share[None] = 1.0 if better else 0.5  # a full step may overshoot across a kink
-            self.error[None] = error
-            self.made[None] += 1
-            self.rounds[None], self.turn[None] = 0, 0.0
-            self.aim[None] = ti.max(FORCING * error, 0.5 * self.goal[None])
-            self.phase[None] = SPREAD if found[1] > 0.0 else STEP
+            self.begin_newton_step(found)
+
+    @ti.func
+    def begin_newton_step(self, found):
+        """Solve for one from here, where an error and a product have been ``found``."""
+        error = found[0]
+        better = self.made[None] == 0 or error < self.error[None]
+        self.share[None] = 1.0 if better else 0.5  # a full step may overshoot across a kink
+        self.error[None] = error
+        self.made[None] += 1
+        self.rounds[None], self.turn[None] = 0, 0.0
+        self.product[None] = found[1]
+        self.aim[None] = ti.max(FORCING * error, 0.5 * self.goal[None])
+        self.phase[None] = SPREAD if found[1] > 0.0 else STEP

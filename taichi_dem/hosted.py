@@ -78,8 +78,9 @@ class HostedExchange:
     def update(self, contacts: ContactList, time_step: float) -> None:
         """Expansions and slopes for where the particles are now, ``time_step``, s, after the last
         ones."""
-        now, opening = self._sent(), np.empty(self.exchange.count)
+        opening = np.empty(self.exchange.count)
         self._settle(len(opening), contacts, opening)
+        now = self._sent()
         if self._plan is None:
             self._plan = self.exchange.halfspace.plan(now.place)
         if self.exchange.lagged:
@@ -192,7 +193,7 @@ class HostedExchange:
             i = self.exchange.members[k]
             body, ids[k] = self.particles.body[i], self.particles.spin[i].id
             place[k, 0], place[k, 1] = body.position[0], body.position[1]
-            overlap[k], radius[k] = body.radius - body.position[2], body.radius
+            overlap[k], radius[k] = self.exchange.overlap(i), body.radius
             expected[k], force[k] = self.exchange.expected(i), self.exchange.ground[i].force
             modulus[k] = 0.75 * body.radius / self.exchange.size(i)
             if ti.static(self.exchange.finite):

@@ -258,7 +258,6 @@ class Exchange:
         if ti.static(self.has_history):
             self.history[k] = contacts.history[p]
         if ti.static(self.adhesion):
-            body = self.particles.body[i]
             overlap = self.overlap(i) - self.expected(i)
             contact, table, history = self.alone(i, overlap), self.coefficients(i), self.History()
             if ti.static(self.has_history):

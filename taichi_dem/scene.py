@@ -110,11 +110,7 @@ class Scene:
     def _surface_problems(self) -> list[Problem]:
         """A surface law and a substrate that gives, where nothing solves them together."""
         surface, substrate = getattr(self.law, "surface", None), self.substrate
-        if (
-            surface is None
-            or not isinstance(substrate, Substrate)
-            or getattr(surface, "lagged", True)
-        ):
+        if not isinstance(substrate, Substrate) or getattr(surface, "lagged", True):
             return []
         if substrate.exchange == "lagged":
             rule = (

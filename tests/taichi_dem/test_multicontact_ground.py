@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from multicontact_ground_twin import equilibrium
 from multicontact_twin import Bodies, contacts
-from setups import restart, scene
+from setups import order_of, restart, scene, watch
 
+import halfspace
 import taichi_dem as dem
+from halfspace import reference
 
 pytestmark = pytest.mark.filterwarnings("ignore:a contact with the substrate is wider")
 
@@ -79,3 +81,47 @@ def test_forces_are_those_of_the_twin(heap):
         place = pile(seed)[0]
         restart(heap, place, dt=STILL)
         assert_equal_to_the_twin(heap, place)
+
+
+def test_energy_is_conserved_to_the_order_of_the_scheme(heap):
+    """A pile that falls apart and bounces on ground that gives, under its weight."""
+    place, velocity = pile(overlap=0.02)
+    largest, steps = [], 250
+    for refined in range(3):
+        restart(heap, place, velocity, dt=0.02 / steps)
+        parts = watch(heap, steps, steps // 50, lambda sim: list(sim.energy().values()))
+        names = list(heap.energy())
+        largest.append(np.abs(parts[:, names.index("balance_error")]).max())
+        steps *= 2
+        assert refined < 2 or largest[-1] < 1e-3 * parts[:, names.index("normal")].max()
+    assert np.all(order_of(largest) > 1.9)
+
+
+def test_force_is_the_slope_of_the_energy(heap):
+    """By central differences along random ways of all spheres."""
+    place, step, rng = pile()[0], 1e-4 * R, np.random.default_rng(3)
+    restart(heap, place)
+    force = heap.particles.force - heap.particles.mass[:, None] * heap.scene.gravity
+    for _ in range(2):
+        way, held = rng.normal(size=place.shape), []
+        for sign in (1, -1):
+            restart(heap, place + sign * step * way)
+            parts = heap.energy()
+            held.append(parts["normal"] + parts["expansion"] + parts["substrate"])
+        slope = (held[0] - held[1]) / (2 * step)
+        assert -np.sum(force * way) == pytest.approx(slope, abs=1e-5 * np.abs(force * way).sum())
+
+
+def test_spheres_that_are_pressed_only_by_the_ground_do_not_bulge(heap):
+    """Without other contacts it is the coupled ground alone."""
+    places = np.array([(2.4 * R * k, 0.3 * R * (k % 2)) for k in range(10)])
+    height = R * (1 - 0.02 - 0.001 * np.arange(10))
+    restart(heap, np.column_stack([places, height]))
+    modulus = 1 / sum((1 - m.poissons_ratio**2) / m.youngs_modulus for m in (BEAD, SOIL))
+    ground = halfspace.HalfSpace(SOIL.youngs_modulus, SOIL.poissons_ratio, coupling="finite")
+    hertz = reference.hertz_law(R, modulus)
+    exact = halfspace.solve(
+        ground, places, R - height, hertz, residual=1e-13, radius=np.full(10, R), modulus=modulus
+    )
+    np.testing.assert_allclose(heap.substrate.force, exact.force, rtol=1e-9)
+    assert heap.energy()["expansion"] == 0

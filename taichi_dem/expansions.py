@@ -24,6 +24,7 @@ class Expansions:
 
     largest            m, sum of the sizes of both expansions of a contact, since the last list
     overlap, normal    of each contact, over undeformed surfaces; -inf beyond reach
+    swollen            of each contact, what the radii of its bodies have grown by, m (lagged only)
     count              contacts within reach of each particle, its places from incidence_start on
     entry, inward, depth, curvature, least  of each place: its entry, the unit vector from the
                        contact to the centre, the distance between them (m), the inverse of that
@@ -63,6 +64,8 @@ class Expansions:
 
     def place_more(self, builder: "ti.FieldsBuilder") -> None:
         """Fields of a way to solve."""
+        self.swollen = ti.Vector.field(2, real)
+        builder.dense(ti.i, self.contacts.capacity).place(self.swollen)
 
     def enrol(self) -> int:
         """The list was made anew; returns how many pairs of contacts there must be room for."""
@@ -91,6 +94,20 @@ class Expansions:
         return self.contacts.history[p].expansion
 
     @ti.func
+    def swell(self, p, met):
+        """Note by what the radii of the bodies of contact ``p`` have grown in all but its overlap;
+        returns R* with that."""
+        ends, radius, swollen = self.contacts.ends[p], met.effective_radius, vec2(0.0)
+        if ends.j >= 0:
+            later = ti.cast(self.particles.spin[ends.j].id > self.particles.spin[ends.i].id, ti.i32)
+            swollen[later] = self.contacts.history[p].expansion[later]
+            own = self.particles.body[ends.i].radius + swollen[0]
+            other = met.partner_radius + swollen[1]
+            radius = own * other / (own + other)
+        self.swollen[p] = swollen
+        return radius
+
+    @ti.func
     def energy(self, p):
         """-F e / 2 of contact ``p``, J."""
         history = self.contacts.history[p]
@@ -115,6 +132,9 @@ class Expansions:
                 self.entry[place] = entry
                 self.inward[place] = self.normal[p] * ti.cast(1 - 2 * (entry & 1), real)
                 self.depth[place] = radius - 0.5 * overlap
+                if ti.static(not self.implicit):
+                    swollen, side = self.swollen[p], entry & 1
+                    self.depth[place] += 0.5 * (swollen[side] - swollen[1 - side])
                 self.curvature[place] = 1.0 / self.depth[place]
                 self.least[place] = ti.sqrt(self.radius[p] * ti.max(overlap, 0.0))
                 number += 1

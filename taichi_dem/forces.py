@@ -100,6 +100,8 @@ class Forces:
                 expansion = self.expansions.of(p)
                 overlap += expansion[0] + expansion[1]
                 self.expansions.watch(expansion)
+                if ti.static(self.surface.lagged):
+                    met.effective_radius = self.expansions.swell(p, met)
 
         if overlap > 0.0 or touched:
             arm = self.particles.body[i].radius - 0.5 * overlap

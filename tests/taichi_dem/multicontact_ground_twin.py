@@ -37,7 +37,7 @@ def equilibrium(met, bodies, position, soil, finite, symmetric=True):
     """Forces (c,), effective overlaps (c,), M, and what the ground does: displacement with its tilt
     (g,) and energy held there."""
     ground = np.flatnonzero(met.j < 0)
-    raised, hertz = influence(met, bodies, symmetric), stiffness(met, bodies, soil)
+    raised, hertz = influence(met, bodies, symmetric).sum(axis=0), stiffness(met, bodies, soil)
     spheres = met.i[ground]
     home, radius = position[spheres, :2], bodies.radius[spheres]
     softness = bodies.radius[spheres] / hertz[ground] * np.sqrt(radius)  # R / (4/3 E*)

@@ -23,7 +23,7 @@ from taichi_dem.forces import Coefficients, Forces
 from taichi_dem.geometry import Geometry
 from taichi_dem.grid import Grid, best_cell_size
 from taichi_dem.guards import SimulationStopped
-from taichi_dem.hosted import NO_EQUILIBRIUM, HostedExchange
+from taichi_dem.hosted import NO_EQUILIBRIUM, TOO_MANY_TOGETHER, HostedExchange
 from taichi_dem.integrate import Verlet
 from taichi_dem.joint import JointExpansions
 from taichi_dem.lagged import LaggedWatch
@@ -302,6 +302,8 @@ class Engine:
             self.boundaries.enrol(self.contacts)
         if self.exchange is not None:
             self.exchange.enrol(self.contacts)
+            if self._host is not None and isinstance(self.expansions, JointExpansions):
+                self._host.give_up(TOO_MANY_TOGETHER)
             if self.creep is not None and not self.exchange.hosted:
                 self.creep.forget()  # nobody is near the ground
         self.control.flags[STALE] = 0

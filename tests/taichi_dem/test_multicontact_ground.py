@@ -11,6 +11,7 @@ from test_determinism import start
 import halfspace
 import taichi_dem as dem
 from halfspace import reference
+from taichi_dem import exchange as exchange_module
 
 pytestmark = pytest.mark.filterwarnings("ignore:a contact with the substrate is wider")
 
@@ -234,6 +235,13 @@ def test_what_has_no_equilibrium_stops_the_run():
     with pytest.raises(dem.SimulationStopped, match="no equilibrium"):
         sim.run(steps=1500)
     assert np.isfinite(sim.particles.force).all()
+
+
+@pytest.mark.slow
+def test_more_contacts_than_the_kernel_solves_stop_the_run(monkeypatch):
+    monkeypatch.setattr(exchange_module, "IN_KERNEL_CONTACTS", 6)
+    with pytest.raises(dem.InputError, match="too many to be solved for together"):
+        dem.Simulation(on_ground(), dt=1e-5, driver="serial")
 
 
 # -- drivers ---------------------------------------------------------------------------------------

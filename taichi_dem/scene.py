@@ -109,7 +109,8 @@ class Scene:
 
     def _surface_problems(self) -> list[Problem]:
         """A surface law and a substrate that gives, where nothing solves them together."""
-        surface, substrate = getattr(self.law, "surface", None), self.substrate
+        surface: Any = getattr(self.law, "surface", None)
+        substrate = self.substrate
         if not isinstance(substrate, Substrate) or getattr(surface, "lagged", True):
             return []
         if substrate.exchange == "lagged":

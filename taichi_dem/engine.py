@@ -356,7 +356,8 @@ class Engine:
             return None
         table = self._coefficients["surface"].table
         geometry = Geometry(self.particles, self.boundaries, self._soil)
-        given = (law.surface, table, geometry, self.contacts, self.control)
+        held = self.effects.reach
+        given = (law.surface, table, geometry, self.contacts, self.control, held)
         if law.surface.lagged:
             made = Expansions(*given)
         else:

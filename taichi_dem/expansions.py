@@ -20,7 +20,8 @@ LEAST_REACH = 0.02  # of the skin
 
 @ti.data_oriented
 class Expansions:
-    """Fields of the contacts on one list; ``law`` is a ``MultiContact``.
+    """Fields of the contacts on one list; ``law`` is a ``MultiContact``, and contacts are held as
+    far as ``held`` (m) past zero overlap.
 
     largest            m, sum of the sizes of both expansions of a contact, since the last list
     overlap, normal    of each contact, over undeformed surfaces; -inf beyond reach
@@ -40,7 +41,9 @@ class Expansions:
         geometry: Geometry,
         contacts: ContactList,
         control: Control,
+        held: float,
     ):
+        self.held_reach, self.adhesion = held, held > 0
         self.law, self.table, self.geometry = law, table, geometry
         self.particles, self.contacts, self.control = geometry.particles, contacts, control
         builder = ti.FieldsBuilder()
@@ -80,7 +83,7 @@ class Expansions:
     @ti.func
     def note(self, p, met):
         """Keep where the bodies of contact ``p`` are; whether they are within reach."""
-        near = met.overlap > -self.control.reach[None]
+        near = met.overlap > -(self.control.reach[None] + self.held_reach)
         if not near and self.overlap[p] > -math.inf:
             self.contacts.history[p].expansion = vec2(0.0)
         self.overlap[p] = met.overlap if near else -math.inf

@@ -126,7 +126,8 @@ def ours(scene: dem.Scene, steps: int, own_step: bool = False) -> Run:
 def simulate(scene: dem.Scene, steps: int, own_step: bool) -> Run:
     """The steps, after a few that compile what is left to compile; with ``own_step`` as many fewer
     as that is longer."""
-    simulation = dem.Simulation(scene, dt=example.TIME_STEP, energy_balance=False)
+    given = {"dt": example.TIME_STEP, "max_overlap": example.DEEPEST, "energy_balance": False}
+    simulation = dem.Simulation(scene, **given)
     if own_step:  # whole windows of the mean force
         stretch = example.WINDOW / example.TIME_STEP
         stretch /= math.ceil(example.WINDOW / simulation.stable.value)

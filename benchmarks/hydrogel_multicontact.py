@@ -84,7 +84,7 @@ def race(scene: dem.Scene) -> list[Figure]:
 
 def advanced(scene: dem.Scene) -> dem.Scene:
     """The scene after most of a stroke, its piston on the way at constant speed."""
-    simulation = dem.Simulation(scene, dt=example.TIME_STEP)
+    simulation = dem.Simulation(scene, dt=example.TIME_STEP, max_overlap=example.DEEPEST)
     simulation.run(steps=RACE_FROM)
     now, piston = simulation.particles, simulation.boundaries[example.PISTON]
     moving = dem.Piston(
@@ -98,8 +98,8 @@ def advanced(scene: dem.Scene) -> dem.Scene:
 
 def timed(scene: dem.Scene) -> float:
     """Seconds of our steps, after a few that compile."""
-    given = {"dt": example.TIME_STEP, "driver": "serial", "energy_balance": False}
-    simulation = dem.Simulation(scene, **given)
+    given = {"max_overlap": example.DEEPEST, "driver": "serial", "energy_balance": False}
+    simulation = dem.Simulation(scene, dt=example.TIME_STEP, **given)
     simulation.run(steps=WARM_UP)
     start = time.perf_counter()
     simulation.run(steps=RACE)

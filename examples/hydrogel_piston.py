@@ -7,7 +7,8 @@ without it the beads are packed at random.  The piston goes down by 30 mm in 0.3
 again.  The mean force on it before every 5 ms is written and drawn over the force in a reference.
 
 Source: N. Brodu, J. A. Dijksman and R. P. Behringer, Nature Communications 6 (2015) 6361.  Only
-with their multi-contact effect (``--multicontact``) are the beads as hard as the measured ones.
+with their multi-contact effect (``--multicontact implicit``, ``lagged`` or both, to be drawn
+together) are the beads as hard as the measured ones.
 """
 
 import argparse
@@ -32,6 +33,7 @@ STROKE = HIGHEST - LOWEST
 STROKE_TIME = 0.3  # s
 PROGRAM = tuple((k * STROKE_TIME, STROKE * (k % 2)) for k in range(5))  # (s, m down)
 TIME_STEP = 1e-5  # s
+DEEPEST = 0.7  # of a radius
 INTERVAL, WINDOW = 5e-3, 1e-3  # s, between two mean forces; over which each is taken
 PISTON = 1  # index of the boundary
 NAME = "piston_force"
@@ -119,16 +121,18 @@ def read_reference(path: Path | str, curve: int = 1) -> np.ndarray:
     return np.loadtxt(path, delimiter=",", skiprows=1, usecols=(0, curve))
 
 
-def draw(curve: np.ndarray, reference: np.ndarray | None, folder: Path) -> Path:
-    """Force against time and against the piston's way down."""
+def draw(curves: dict[str, np.ndarray], reference: np.ndarray | None, folder: Path) -> Path:
+    """Force against time and against the piston's way down, of each of the ``curves`` by name."""
     pale = {"color": "#bbbbbb", "linewidth": 3.5}
-    curves = [("taichi-dem", curve[:, 1], curve[:, 3], style.line(style.PALETTE[0], len(curve)))]
+    lines = []
     if reference is not None:
-        curves.insert(0, ("reference", reference[:, 0] * TIME_STEP, reference[:, 1], pale))
+        lines.append(("reference", reference[:, 0] * TIME_STEP, reference[:, 1], pale))
+    for colour, (name, curve) in zip(style.PALETTE, curves.items(), strict=False):
+        lines.append((name, curve[:, 1], curve[:, 3], style.line(colour, len(curve))))
     drawing = style.figure(8.0, 3.4)
     over_time, over_way = drawing.subplots(1, 2, sharey=True)
-    for label, time, force, look in curves:
-        over_time.plot(time, force, label=label, **look)
+    for name, time, force, look in lines:
+        over_time.plot(time, force, label=name, **look)
         over_way.plot((HIGHEST - piston_height(time)) * 1e3, force, **look)
     over_time.set(xlabel="time (s)", ylabel="force on the piston (N)")
     over_way.set(xlabel="way down (mm)")
@@ -136,6 +140,39 @@ def draw(curve: np.ndarray, reference: np.ndarray | None, folder: Path) -> Path:
     for axes in (over_time, over_way):
         style.dress(axes)
     return style.save(drawing, folder / f"{NAME}.png")
+
+
+def press(
+    beads: dem.Spheres, surface: dem.MultiContact | None, duration: float, folder: Path
+) -> np.ndarray:
+    """Run the program for ``duration`` (s), writing into ``folder``; returns the curve."""
+    # Beads that bulge overlap deeper than is accepted unasked.
+    sim = dem.Simulation(scene(beads, surface), dt=TIME_STEP, max_overlap=DEEPEST)
+    force = PistonForce()
+    sim.run(
+        duration=duration,
+        outputs=[
+            dem.Summary(folder),
+            dem.State(folder, every=duration / 10),
+            dem.History(folder, every=duration / 100),
+            dem.Progress(duration),
+            force,
+        ],
+    )
+    force.save(folder)
+    return force.curve()
+
+
+def tell(name: str, curve: np.ndarray, reference: np.ndarray | None) -> None:
+    """Print the forces at full compression."""
+    for time in STROKE_TIME * np.array([1, 3]):
+        for _, _, height, newton in curve[np.isclose(curve[:, 1], time)]:
+            where = f"full compression at {time:g} s, {height * 1e3:.2f} mm"
+            print(f"{name}, {where}: {newton:.4f} N", end="")
+            if reference is not None:
+                given = reference[reference[:, 0] == round(time / TIME_STEP), 1]
+                print(f" (reference {given[0]:.4f} N)", end="")
+            print()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -146,36 +183,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("out/hydrogel_piston"))
     parser.add_argument("--spheres", type=int, default=BEADS, help="of a random packing")
     parser.add_argument("--duration", type=float, default=PROGRAM[-1][0], help="s")
-    parser.add_argument("--multicontact", choices=("implicit", "lagged"), help="and how")
+    parser.add_argument(
+        "--multicontact", choices=("implicit", "lagged"), nargs="+", default=[], help="and how"
+    )
     asked = parser.parse_args(arguments)
 
-    surface = dem.MultiContact(exchange=asked.multicontact) if asked.multicontact else None
     beads = packing(asked.packing) if asked.packing else random_packing(asked.spheres)
-    sim, force = dem.Simulation(scene(beads, surface), dt=TIME_STEP), PistonForce()
-    sim.run(
-        duration=asked.duration,
-        outputs=[
-            dem.Summary(asked.output),
-            dem.State(asked.output, every=asked.duration / 10),
-            dem.History(asked.output, every=asked.duration / 100),
-            dem.Progress(asked.duration),
-            force,
-        ],
-    )
-
-    curve, reference = force.curve(), None
+    reference, curves = None, {}
     if asked.reference:
-        reference = read_reference(asked.reference, 2 if surface else 1)
-    force.save(asked.output)
-    for picture in (*plot.draw(asked.output), draw(curve, reference, asked.output)):
-        print(picture)
-    for time in STROKE_TIME * np.array([1, 3]):
-        for _, _, height, newton in curve[np.isclose(curve[:, 1], time)]:
-            print(f"full compression at {time:g} s, {height * 1e3:.2f} mm: {newton:.4f} N", end="")
-            if reference is not None:
-                given = reference[reference[:, 0] == round(time / TIME_STEP), 1]
-                print(f" (reference {given[0]:.4f} N)", end="")
-            print()
+        reference = read_reference(asked.reference, 2 if asked.multicontact else 1)
+    for exchange in asked.multicontact or [None]:
+        surface = dem.MultiContact(exchange=exchange) if exchange else None
+        folder = asked.output / exchange if len(asked.multicontact) > 1 else asked.output
+        name = f"taichi-dem, {exchange}" if exchange else "taichi-dem"
+        curves[name] = press(beads, surface, asked.duration, folder)
+        for picture in plot.draw(folder):
+            print(picture)
+    print(draw(curves, reference, asked.output))
+    for name, curve in curves.items():
+        tell(name, curve, reference)
 
 
 if __name__ == "__main__":

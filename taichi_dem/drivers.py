@@ -34,13 +34,14 @@ class Drivers:
         self.meeting = meeting
         self.forces, self.verlet, self.boundaries = forces, verlet, boundaries
         self.exchange = exchange
-        self.has_exchange = exchange is not None and exchange.in_kernel
         self.particles, self.contacts = forces.particles, forces.contacts
         self.control = control
         self.moves = boundaries.any_moves
         self.expansions = forces.expansions
         self.solves = forces.spreads and self.expansions.implicit
         self.lags = forces.spreads and not self.expansions.implicit
+        # (Which may be part of what the expansions solve.)
+        self.has_exchange = exchange is not None and exchange.in_kernel and not self.solves
 
     # -- the parts of a step ---------------------------------------------------------------------
     # (A loop at the root of a kernel runs in parallel, also one that comes from a function: what
@@ -57,12 +58,12 @@ class Drivers:
 
     @ti.func
     def settle_expansions(self):
-        """Passes over the particles, in one thread."""
+        """The passes of the expansions, in one thread."""
         if ti.static(self.solves):
             self.expansions.begin()
             while self.expansions.phase[None] != DONE:
-                for i in range(self.particles.count):
-                    self.expansions.work(i)
+                for unit in range(self.expansions.units()):
+                    self.expansions.work(unit)
                 self.expansions.decide()
 
     @ti.func
@@ -136,8 +137,8 @@ class Drivers:
     @ti.kernel
     def make_pass(self) -> ti.i32:
         """One pass in a parallel loop; returns which comes next."""
-        for i in range(self.particles.count):
-            self.expansions.work(i)
+        for unit in range(self.expansions.units()):
+            self.expansions.work(unit)
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.expansions.decide()
@@ -186,8 +187,9 @@ class Drivers:
                     self.meeting.wait(met)
             if ti.static(self.solves):
                 while self.expansions.phase[None] != DONE:
-                    for i in range(low, high):
-                        self.expansions.work(i)
+                    units = self.expansions.units()
+                    for unit in range(units * member // members, units * (member + 1) // members):
+                        self.expansions.work(unit)
                     if self.meeting.last_to_arrive():
                         self.expansions.decide()
                         self.meeting.release()

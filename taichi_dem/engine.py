@@ -23,8 +23,9 @@ from taichi_dem.forces import Coefficients, Forces
 from taichi_dem.geometry import Geometry
 from taichi_dem.grid import Grid, best_cell_size
 from taichi_dem.guards import SimulationStopped
-from taichi_dem.hosted import NO_EQUILIBRIUM, HostedExchange
+from taichi_dem.hosted import NO_EQUILIBRIUM, TOO_MANY_TOGETHER, HostedExchange
 from taichi_dem.integrate import Verlet
+from taichi_dem.joint import JointExpansions
 from taichi_dem.lagged import LaggedWatch
 from taichi_dem.meeting import Meeting
 from taichi_dem.neighbors import Neighbors
@@ -301,6 +302,8 @@ class Engine:
             self.boundaries.enrol(self.contacts)
         if self.exchange is not None:
             self.exchange.enrol(self.contacts)
+            if self._host is not None and isinstance(self.expansions, JointExpansions):
+                self._host.give_up(TOO_MANY_TOGETHER)
             if self.creep is not None and not self.exchange.hosted:
                 self.creep.forget()  # nobody is near the ground
         self.control.flags[STALE] = 0
@@ -353,16 +356,20 @@ class Engine:
             return None
         table = self._coefficients["surface"].table
         geometry = Geometry(self.particles, self.boundaries, self._soil)
-        given = (law.surface, table, geometry, self.contacts, self.control)
+        held = self.effects.reach
+        given = (law.surface, table, geometry, self.contacts, self.control, held)
         if law.surface.lagged:
             made = Expansions(*given)
         else:
-            made = ImplicitExpansions(
-                *given,
-                normal=law.normal,
-                normal_table=self._coefficients["normal"].table,
-                pairs=self._pairs,
-            )
+            needs: dict[str, Any] = {
+                "normal": law.normal,
+                "normal_table": self._coefficients["normal"].table,
+                "pairs": self._pairs,
+            }
+            if self.exchange is None:
+                made = ImplicitExpansions(*given, **needs)
+            else:
+                made = JointExpansions(*given, **needs, exchange=self.exchange)
         self._trees.append(made.tree)
         return made
 

@@ -45,6 +45,7 @@ def ground_type(finite: bool) -> Any:
     return ti.types.struct(
         expansion=real,  # what the surface has risen, where the sphere touches it, by the others, m
         slope=vec2,  # the gradient of that
+        bulge=real,  # what the sphere's own surface has risen there by its other contacts, m
         force=real,  # elastic, N
         stored=real,  # in the surface, on account of this contact, J
         past=past_values,  # displacements of the last steps, latest first, m
@@ -113,6 +114,7 @@ class Exchange:
         self.enrolled = ti.field(ti.i32)
         self.History = history_type(effects)
         self.has_history, self.adhesion = bool(effects.history), effects.adhesion
+        self.spreads = law.surface is not None
         self.noticed = ti.field(ti.i64)
         self.softness = ti.field(real)  # by material: 3/(4 E*), 1/Pa
         self.wave_speed, self.on_host = ti.field(real), ti.field(ti.i32)
@@ -251,11 +253,12 @@ class Exchange:
         forces are solved for none jumps, so that there is an equilibrium.  Returns the effective
         overlap at which its force ends."""
         i, p, opening = self.members[k], self.entry[k], 0.0
+        if ti.static(self.spreads):
+            self.ground[i].bulge = self.expansion_of(i, p, contacts)
         if ti.static(self.has_history):
             self.history[k] = contacts.history[p]
         if ti.static(self.adhesion):
-            body = self.particles.body[i]
-            overlap = body.radius - body.position[2] - self.expected(i)
+            overlap = self.overlap(i) - self.expected(i)
             contact, table, history = self.alone(i, overlap), self.coefficients(i), self.History()
             if ti.static(self.has_history):
                 history = self.history[k]
@@ -313,7 +316,7 @@ class Exchange:
         sums.old_x[k], sums.old_y[k], sums.old_square[k] = anchor[0], anchor[1], anchor[2]
         solver.anchored[k] = ground.anchored
         solver.home_x[k], solver.home_y[k] = body.position[0], body.position[1]
-        solver.radius[k], solver.overlap[k] = body.radius, body.radius - body.position[2]
+        solver.radius[k], solver.overlap[k] = body.radius, self.overlap(i)
         solver.force[k] = ground.force
         solver.effective[k] = solver.overlap[k] - self.expected(i)
         drift = _extrapolated(ground.drift, ground.drifts)
@@ -332,7 +335,7 @@ class Exchange:
         if solver.live[k] == 0:
             solver.effective[k] = solver.overlap[k] - sunk
         expansion = solver.effective[k] - solver.overlap[k]
-        self.receive(i, solver.effective[k], expansion, sunk, force, slope)
+        self.receive(i, self.overlap(i) + expansion, expansion, sunk, force, slope)
         ground = self.ground[i]
         if solver.live[k] != 0 and ground.age > 1:
             for step in ti.static(range(DRIFTS - 1, 0, -1)):
@@ -349,6 +352,23 @@ class Exchange:
         ground.stored = force * (apart - 0.5 * of(sums.potential, k))
         self.ground[i] = ground
         self.watch_neighbours(i, of(sums.nearest, k))
+
+    @ti.func
+    def overlap(self, i):
+        """Of particle ``i`` with the undeformed surface, m."""
+        body = self.particles.body[i]
+        overlap = body.radius - body.position[2]
+        if ti.static(self.spreads):
+            overlap += self.ground[i].bulge
+        return overlap
+
+    @ti.func
+    def expansion_of(self, i, p, contacts: ti.template()):
+        """What a surface law has found that particle ``i`` rises by at its contact ``p``, m."""
+        body, expansion = self.particles.body[i], 0.0
+        if body.radius - body.position[2] > -self.control.reach[None]:
+            expansion = contacts.history[p].expansion[0]
+        return expansion
 
     @ti.func
     def size(self, i):
@@ -385,9 +405,9 @@ class Exchange:
             ground.past_x[0], ground.past_y[0] = slope[0], slope[1]
         ground.age = ti.min(ground.age + 1, PAST)
         ground.expansion, ground.force, ground.slope = expansion, force, slope
+        self.ground[i] = ground
         body = self.particles.body[i]
-        overlap = body.radius - body.position[2] + expansion
-        if overlap > 0.0:
+        if self.overlap(i) + expansion > 0.0:
             if ground.touched == 0 and -body.velocity[2] > FAST_IMPACT * self.wave_speed[None]:
                 self.noticed[0] += 1
             if depth > WIDE_CONTACT**2 * body.radius and ground.touched & WIDE == 0:
@@ -408,7 +428,7 @@ class Exchange:
         """Points that are too close for that; ``nearest``: squared distance, m2."""
         if ti.static(not self.finite):
             body, ground = self.particles.body[i], self.ground[i]
-            square = body.radius * (body.radius - body.position[2] + ground.expansion)
+            square = body.radius * (self.overlap(i) + ground.expansion)
             if nearest < CLOSE_POINTS**2 * square and ground.touched & CLOSE == 0:
                 self.noticed[2] += 1
                 self.ground[i].touched |= CLOSE

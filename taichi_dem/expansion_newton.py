@@ -20,6 +20,7 @@ from typing import Any
 from taichi_dem.contact_list import APART
 from taichi_dem.contacts.contact import at_rest
 from taichi_dem.control import OVERPRESSED
+from taichi_dem.exchange import HELD_BEYOND
 from taichi_dem.reciprocal import ReciprocalExpansions
 from taichi_dem.types import real, ti, vec2, vec3
 
@@ -34,6 +35,8 @@ class ImplicitExpansions(ReciprocalExpansions):
 
     near       contacts within reach of each particle's own, from start on; near_count of them
     sums       of each particle: what a pass finds out, the largest of one number, sums of two
+    held       of each contact, whether it is to hold; opening, m, where its force ends (absent
+               unless contacts adhere)
     rise       is what a direction raises, too, while the solve goes on
     """
 
@@ -49,6 +52,10 @@ class ImplicitExpansions(ReciprocalExpansions):
         for name in "effective tangent remainder direction step".split():
             setattr(self, name, ti.field(real))
             builder.dense(ti.i, capacity).place(getattr(self, name))
+        if self.adhesion:
+            self.held, self.opening = ti.field(ti.i32), ti.field(real)
+            for field in (self.held, self.opening):
+                builder.dense(ti.i, capacity).place(field)
         self.near, self.partner = ti.field(ti.i32), ti.field(ti.i32)
         for field in (self.near, self.partner):
             builder.dense(ti.i, capacity).place(field)
@@ -67,7 +74,17 @@ class ImplicitExpansions(ReciprocalExpansions):
     # -- the passes of one particle --------------------------------------------------------------
 
     @ti.func
-    def work(self, i):
+    def units(self):
+        """How many shares the present pass has."""
+        return self.particles.count
+
+    @ti.func
+    def work(self, unit):
+        """One share of the present pass."""
+        self.treat(unit)
+
+    @ti.func
+    def treat(self, i):
         """The share of particle ``i`` in the present pass."""
         phase = self.phase[None]
         if phase == MEET:
@@ -95,6 +112,8 @@ class ImplicitExpansions(ReciprocalExpansions):
         for p in range(first, self.contacts.start[i + 1]):
             j = self.contacts.ends[p].j
             touched = self.contacts.touching[p] != APART
+            if ti.static(self.adhesion):
+                self.held[p] = 0
             met = self.geometry.encounter(i, j, self.control.reach[None], touched)
             if self.note(p, met):
                 self.near[first + number] = p
@@ -106,10 +125,39 @@ class ImplicitExpansions(ReciprocalExpansions):
                     self.separation[p] = reached - met.overlap
                 else:
                     self.rest(2 * p + 1)  # nobody's, after that of another contact
-                self.effective[p] = met.overlap + self.expected(p)
-                deepest = ti.max(deepest, ti.max(met.overlap, self.effective[p]))
+                self.effective[p] = met.overlap + self.expected(p) + self.lent(p, i, j)
+                if ti.static(self.adhesion):
+                    self.settle(p, i, touched)
+                most = ti.max(met.overlap, self.effective[p])
+                deepest = ti.max(deepest, most - self.opens_at(p))
         self.near_count[i] = number
         self.sums[i] = vec3(deepest, 0.0, 0.0)
+
+    @ti.func
+    def settle(self, p, i, touched):
+        """Decide whether contact ``p`` holds, and where its force ends: while forces are solved for
+        none jumps, so that there is an equilibrium."""
+        contact = at_rest(self.effective[p], self.radius[p], 1.0)
+        k = self.normal_table[self.particles.spin[i].material, self.partner[p]]
+        history, held, opening = self.contacts.history[p], contact.overlap > 0.0, 0.0
+        if touched:
+            held = self.normal_law.holds(contact, k, history) != 0
+        if held:
+            opening = HELD_BEYOND * self.normal_law.opening(contact, k)
+        self.held[p], self.opening[p] = ti.cast(held, ti.i32), opening
+
+    @ti.func
+    def is_held(self, p):
+        """Whether contact ``p`` has been found to be in contact."""
+        return self.held[p] != 0
+
+    @ti.func
+    def opens_at(self, p):
+        """The effective overlap at which the force of contact ``p`` ends."""
+        opening = 0.0
+        if ti.static(self.adhesion):
+            opening = self.opening[p]
+        return opening
 
     @ti.func
     def expected(self, p):
@@ -124,20 +172,29 @@ class ImplicitExpansions(ReciprocalExpansions):
         return expected
 
     @ti.func
+    def lent(self, p, i, j):
+        """What else a contact that has just been met is expected to rise by."""
+        return 0.0
+
+    @ti.func
     def press(self, i):
         """Force and tangent at the effective overlaps; motion and memory are left as they are."""
         material, first = self.particles.spin[i].material, self.contacts.start[i]
         for place in range(first, first + self.near_count[i]):
             p = self.near[place]
             answer, overlap = vec2(0.0), self.effective[p]
-            if overlap > 0.0:
+            closed = overlap > self.opens_at(p)
+            if ti.static(self.adhesion):
+                closed = closed and self.held[p] != 0
+            if closed:
                 history = self.contacts.history[p]
                 normal = self.normal_law.force(
                     at_rest(overlap, self.radius[p], 1.0),
                     self.normal_table[material, self.partner[p]],
                     history,
                 )
-                answer = vec2(normal.elastic, normal.stiffness)
+                # Where a law softens, its force is held while the others adapt.
+                answer = vec2(normal.elastic, ti.max(normal.stiffness, 0.0))
             self.force[p], self.tangent[p] = answer[0], answer[1]
 
     @ti.func
@@ -178,11 +235,11 @@ class ImplicitExpansions(ReciprocalExpansions):
         error, product, first = 0.0, 0.0, self.contacts.start[i]
         for place in range(first, first + self.near_count[i]):
             p = self.near[place]
-            reached = self.overlap[p] + self.risen(p)
-            if self.effective[p] <= 0.0 and reached <= 0.0:
+            reached, opening = self.overlap[p] + self.risen(p), self.opens_at(p)
+            if self.effective[p] <= opening and reached <= opening:
                 self.effective[p] = reached  # open, and stays open: solved outright
             defect = self.effective[p] - reached
-            wrong = ti.abs(ti.max(self.effective[p], 0.0) - ti.max(reached, 0.0))
+            wrong = ti.abs(ti.max(self.effective[p], opening) - ti.max(reached, opening))
             if not (ti.abs(defect) < math.inf):  # not-a-number must not pass for solved
                 wrong = math.inf
             error = ti.max(error, wrong)
@@ -252,36 +309,52 @@ class ImplicitExpansions(ReciprocalExpansions):
         elif phase == WEIGH:
             self.judge()
         elif phase == SPREAD:
-            curvature = self.total()[1]
-            self.length[None] = self.product[None] / ti.select(curvature > 0.0, curvature, 1.0)
-            self.phase[None] = ADVANCE if curvature > 0.0 else STEP
+            self.find_length(self.total()[1])
         elif phase == ADVANCE:
-            found = self.total()
-            self.rounds[None] += 1
-            self.turn[None] = found[1] / self.product[None]
-            self.product[None] = found[1]
-            more = found[0] > self.aim[None] and found[1] > 0.0
-            self.phase[None] = SPREAD if more and self.rounds[None] < MOST_ROUNDS else STEP
+            self.turn_on()
         elif phase == STEP:
             self.phase[None] = RAISE
         else:
             self.phase[None] = DONE
 
     @ti.func
+    def find_length(self, curvature):
+        """How far to go along a direction of that ``curvature``; where it is not positive, keep
+        what there is."""
+        self.length[None] = self.product[None] / ti.select(curvature > 0.0, curvature, 1.0)
+        self.phase[None] = ADVANCE if curvature > 0.0 else STEP
+
+    @ti.func
+    def turn_on(self):
+        """After a round: into the next direction, or take the step."""
+        found = self.total()
+        self.rounds[None] += 1
+        self.turn[None] = found[1] / self.product[None]
+        self.product[None] = found[1]
+        more = found[0] > self.aim[None] and found[1] > 0.0
+        self.phase[None] = SPREAD if more and self.rounds[None] < MOST_ROUNDS else STEP
+
+    @ti.func
     def judge(self):
         """Whether the overlaps are good enough, and how to go on if not."""
         found = self.total()
-        error, self.product[None] = found[0], found[1]
-        if error <= self.goal[None]:
+        if found[0] <= self.goal[None]:
             self.phase[None] = TILT
         elif self.made[None] == self.law.iterations:
             self.control.raise_flag(OVERPRESSED)
             self.phase[None] = TILT
         else:
-            better = self.made[None] == 0 or error < self.error[None]
-            self.share[None] = 1.0 if better else 0.5  # a full step may overshoot across a kink
-            self.error[None] = error
-            self.made[None] += 1
-            self.rounds[None], self.turn[None] = 0, 0.0
-            self.aim[None] = ti.max(FORCING * error, 0.5 * self.goal[None])
-            self.phase[None] = SPREAD if found[1] > 0.0 else STEP
+            self.begin_newton_step(found)
+
+    @ti.func
+    def begin_newton_step(self, found):
+        """Solve for one from here, where an error and a product have been ``found``."""
+        error = found[0]
+        better = self.made[None] == 0 or error < self.error[None]
+        self.share[None] = 1.0 if better else 0.5  # a full step may overshoot across a kink
+        self.error[None] = error
+        self.made[None] += 1
+        self.rounds[None], self.turn[None] = 0, 0.0
+        self.product[None] = found[1]
+        self.aim[None] = ti.max(FORCING * error, 0.5 * self.goal[None])
+        self.phase[None] = SPREAD if found[1] > 0.0 else STEP

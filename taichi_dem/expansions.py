@@ -20,10 +20,12 @@ LEAST_REACH = 0.02  # of the skin
 
 @ti.data_oriented
 class Expansions:
-    """Fields of the contacts on one list; ``law`` is a ``MultiContact``.
+    """Fields of the contacts on one list; ``law`` is a ``MultiContact``, and contacts are held as
+    far as ``held`` (m) past zero overlap.
 
     largest            m, sum of the sizes of both expansions of a contact, since the last list
     overlap, normal    of each contact, over undeformed surfaces; -inf beyond reach
+    swollen            of each contact, what the radii of its bodies have grown by, m (lagged only)
     count              contacts within reach of each particle, its places from incidence_start on
     entry, inward, depth, curvature, least  of each place: its entry, the unit vector from the
                        contact to the centre, the distance between them (m), the inverse of that
@@ -39,7 +41,9 @@ class Expansions:
         geometry: Geometry,
         contacts: ContactList,
         control: Control,
+        held: float,
     ):
+        self.held_reach, self.adhesion = held, held > 0
         self.law, self.table, self.geometry = law, table, geometry
         self.particles, self.contacts, self.control = geometry.particles, contacts, control
         builder = ti.FieldsBuilder()
@@ -63,6 +67,8 @@ class Expansions:
 
     def place_more(self, builder: "ti.FieldsBuilder") -> None:
         """Fields of a way to solve."""
+        self.swollen = ti.Vector.field(2, real)
+        builder.dense(ti.i, self.contacts.capacity).place(self.swollen)
 
     def enrol(self) -> int:
         """The list was made anew; returns how many pairs of contacts there must be room for."""
@@ -77,7 +83,7 @@ class Expansions:
     @ti.func
     def note(self, p, met):
         """Keep where the bodies of contact ``p`` are; whether they are within reach."""
-        near = met.overlap > -self.control.reach[None]
+        near = met.overlap > -(self.control.reach[None] + self.held_reach)
         if not near and self.overlap[p] > -math.inf:
             self.contacts.history[p].expansion = vec2(0.0)
         self.overlap[p] = met.overlap if near else -math.inf
@@ -89,6 +95,20 @@ class Expansions:
     def of(self, p):
         """The expansions of the first and the second body of contact ``p``, m."""
         return self.contacts.history[p].expansion
+
+    @ti.func
+    def swell(self, p, met):
+        """Note by what the radii of the bodies of contact ``p`` have grown in all but its overlap;
+        returns R* with that."""
+        ends, radius, swollen = self.contacts.ends[p], met.effective_radius, vec2(0.0)
+        if ends.j >= 0:
+            later = ti.cast(self.particles.spin[ends.j].id > self.particles.spin[ends.i].id, ti.i32)
+            swollen[later] = self.contacts.history[p].expansion[later]
+            own = self.particles.body[ends.i].radius + swollen[0]
+            other = met.partner_radius + swollen[1]
+            radius = own * other / (own + other)
+        self.swollen[p] = swollen
+        return radius
 
     @ti.func
     def energy(self, p):
@@ -115,6 +135,9 @@ class Expansions:
                 self.entry[place] = entry
                 self.inward[place] = self.normal[p] * ti.cast(1 - 2 * (entry & 1), real)
                 self.depth[place] = radius - 0.5 * overlap
+                if ti.static(not self.implicit):
+                    swollen, side = self.swollen[p], entry & 1
+                    self.depth[place] += 0.5 * (swollen[side] - swollen[1 - side])
                 self.curvature[place] = 1.0 / self.depth[place]
                 self.least[place] = ti.sqrt(self.radius[p] * ti.max(overlap, 0.0))
                 number += 1

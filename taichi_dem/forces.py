@@ -80,6 +80,7 @@ class Forces:
         self.control = control
         self.surface, self.spreads = law.surface, expansions is not None
         self.expansions = expansions
+        self.settles = self.adhesion and self.spreads and expansions.implicit
 
     @ti.func
     def evaluate(self, p, time_step):
@@ -100,6 +101,8 @@ class Forces:
                 expansion = self.expansions.of(p)
                 overlap += expansion[0] + expansion[1]
                 self.expansions.watch(expansion)
+                if ti.static(self.surface.lagged):
+                    met.effective_radius = self.expansions.swell(p, met)
 
         if overlap > 0.0 or touched:
             arm = self.particles.body[i].radius - 0.5 * overlap
@@ -152,6 +155,8 @@ class Forces:
             if ti.static(self.coupled):  # settled before its forces were solved for
                 if self.contacts.ends[p].j == SUBSTRATE:
                     closed = self.substrate.is_held(self.contacts.ends[p].i)
+            if ti.static(self.settles):
+                closed = self.expansions.is_held(p)
         return closed
 
     @ti.func

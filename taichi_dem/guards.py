@@ -24,6 +24,10 @@ class SimulationStopped(RuntimeError):
         super().__init__(message)
         self.particle, self.last_good = particle, last_good
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What another process needs to raise it there."""
+        return type(self), (str(self), self.particle, self.last_good)
+
 
 @ti.kernel
 def first_offender(

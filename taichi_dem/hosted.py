@@ -11,7 +11,7 @@ import halfspace
 from taichi_dem.contact_list import ContactList
 from taichi_dem.control import UNSOLVED
 from taichi_dem.creep import Creep, Pressed
-from taichi_dem.exchange import Exchange
+from taichi_dem.exchange import IN_KERNEL_CONTACTS, Exchange
 from taichi_dem.substrate import Relaxation
 from taichi_dem.types import ti, vec2
 
@@ -24,6 +24,10 @@ NO_EQUILIBRIUM_ON_LAYER = (
     "the contacts with the layer found no equilibrium. Where one is wide for the layer, or its law "
     "stiffer than the layer's own, there is none: try a thicker layer, Hertz's law, or "
     'coupling="finite"; else a smaller time step'
+)
+TOO_MANY_TOGETHER = (
+    f"more than {IN_KERNEL_CONTACTS} spheres are near the substrate, too many to be solved for "
+    'together with their own surfaces. Try exchange="lagged" for the surface law'
 )
 TOO_WIDE_FOR_LAYER = (
     f"a contact is wider than {MOST_OF_LAYER:g} of the thickness of the layer below it, and its "
@@ -78,8 +82,9 @@ class HostedExchange:
     def update(self, contacts: ContactList, time_step: float) -> None:
         """Expansions and slopes for where the particles are now, ``time_step``, s, after the last
         ones."""
-        now, opening = self._sent(), np.empty(self.exchange.count)
+        opening = np.empty(self.exchange.count)
         self._settle(len(opening), contacts, opening)
+        now = self._sent()
         if self._plan is None:
             self._plan = self.exchange.halfspace.plan(now.place)
         if self.exchange.lagged:
@@ -93,7 +98,7 @@ class HostedExchange:
                 else:
                     found = self._creeping(self.creep, now, time_step)
         except halfspace.NotConverged as error:
-            self._give_up(NO_EQUILIBRIUM_ON_LAYER if self.exchange.layered else NO_EQUILIBRIUM)
+            self.give_up(NO_EQUILIBRIUM_ON_LAYER if self.exchange.layered else NO_EQUILIBRIUM)
             found = error.state
         self.exchange.solver.applications[None] += found.applications
         depth = effective = found.overlap
@@ -102,10 +107,10 @@ class HostedExchange:
             effective = self.creep.accept(spheres, now.overlap, found, time_step)
             depth = self.creep.depth(spheres, found.force)
         if (np.sqrt(depth.clip(0) * now.radius) > self._widest).any():
-            self._give_up(TOO_WIDE_FOR_LAYER)
+            self.give_up(TOO_WIDE_FOR_LAYER)
         self._take(len(depth), depth, effective - now.overlap, found.force, found.slope)
 
-    def _give_up(self, why: str) -> None:
+    def give_up(self, why: str) -> None:
         """Have the run stopped."""
         self.exchange.control.flags[UNSOLVED], self.trouble = 1, why
 
@@ -192,7 +197,7 @@ class HostedExchange:
             i = self.exchange.members[k]
             body, ids[k] = self.particles.body[i], self.particles.spin[i].id
             place[k, 0], place[k, 1] = body.position[0], body.position[1]
-            overlap[k], radius[k] = body.radius - body.position[2], body.radius
+            overlap[k], radius[k] = self.exchange.overlap(i), body.radius
             expected[k], force[k] = self.exchange.expected(i), self.exchange.ground[i].force
             modulus[k] = 0.75 * body.radius / self.exchange.size(i)
             if ti.static(self.exchange.finite):

@@ -103,7 +103,7 @@ class LaggedWatch:
                 shift = self.exchange.expected_shift(i)
                 place[k, 0] += shift[0]
                 place[k, 1] += shift[1]
-            overlap = body.radius - body.position[2] + ground.expansion
+            overlap = self.exchange.overlap(i) + ground.expansion
             tangent[k] = 0.0
             if overlap > 0.0 or ground.force != 0.0:
                 tangent[k] = self.exchange.law(k, overlap)[1]

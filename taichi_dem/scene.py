@@ -108,15 +108,25 @@ class Scene:
         return [narrow_problem(self.period, largest), *wall_problems(self.boundaries)]
 
     def _surface_problems(self) -> list[Problem]:
-        """A surface law and a substrate that gives, which nothing solves together yet."""
-        surface, substrate = getattr(self.law, "surface", None), self.substrate
-        if surface is None or substrate is None or substrate.exchange == "none":
+        """A surface law and a substrate that gives, where nothing solves them together."""
+        surface: Any = getattr(self.law, "surface", None)
+        substrate = self.substrate
+        if not isinstance(substrate, Substrate) or getattr(surface, "lagged", True):
+            return []
+        if substrate.exchange == "lagged":
+            rule = (
+                "must be 'implicit' with a surface law that is: ground that answers to the step "
+                "before has no energy, which spheres that are solved for would need; or make the "
+                "surface law's exchange 'lagged' too"
+            )
+            return [Problem("substrate.exchange", substrate.exchange, rule)]
+        if substrate.exchange == "none" or (substrate.homogeneous and self.period is None):
             return []
         rule = (
-            "must be 'none' with a surface law (the substrate is then rigid but for its contacts): "
-            "spheres and ground that both rise are not solved together yet"
+            "must be 'lagged' on a layer, ground that creeps, or one that repeats itself: spheres "
+            "and ground are solved together only on a half-space"
         )
-        return [Problem("substrate.exchange", substrate.exchange, rule)]
+        return [Problem("law.surface.exchange", surface.exchange, rule)]
 
     def _creep_problems(self) -> list[Problem]:
         """A law of which nobody knows what share of its compliance creeps with the ground."""

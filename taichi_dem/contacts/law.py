@@ -72,11 +72,7 @@ class Law:
         yield Problem(slot, law, f"must be {'one of ' if allowed else ''}{names}")
 
     def _problems_together(self) -> Iterable[Problem]:
-        """Adhesion energy is given once; what no solve of expansions can follow is refused."""
-        if self.surface is not None and getattr(self.normal, "adhesive", False):
-            kind = type(self.normal).__name__
-            rule = f"must be left out with {kind}, whose contacts are held past zero overlap"
-            yield Problem("surface", self.surface, rule)
+        """Adhesion energy is given once."""
         rows = {"rolling": self.rolling}
         rows |= {
             f"pairs[{names!r}].rolling": laws.get("rolling") for names, laws in self.pairs.items()

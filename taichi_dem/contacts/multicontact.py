@@ -21,7 +21,9 @@ that the change of M with the place of the contacts makes: with U(D) the energy 
 
     energy = sum U(D) - 1/2 sum F e,    force = -its derivative = F n - 1/2 F (dM/dx) F
 
-``lagged`` takes (B) and the forces of the step before, as LIGGGHTS does.  In both, r is no smaller
+``lagged`` takes (B) and the forces of the step before, as LIGGGHTS does.  There the one of two
+spheres that comes later (here: the later id) has the radius R + e in R* and for the place of the
+contact, where d is R_i + R_j + e_j - distance, and the other has not.  In both, r is no smaller
 than the contact radius sqrt(R* d).
 
 Source, gamma included: N. Brodu, J. A. Dijksman and R. P. Behringer, Phys. Rev. E 91 (2015) 032201.

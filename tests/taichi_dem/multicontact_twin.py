@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 GAMMA = 1.125
+SWELLINGS = 12  # rounds to a radius that agrees with its forces
 
 
 class Contacts(NamedTuple):
@@ -69,45 +70,60 @@ def reciprocal(modulus, nu, a, b, n_a, n_b, least=0.0):
     return published(modulus, nu, -a * n_a, n_a, -a * n_b, n_b, least)
 
 
-def influence(met, bodies, symmetric):
-    """(c, c): what a force at one contact raises at another, both bodies together."""
+def influence(met, bodies, symmetric, swollen=0.0):
+    """(c, c) of each body: what a force at one contact raises at another.  ``swollen`` (c,): what
+    the later of two spheres has grown by."""
     size = len(met.i)
-    total = np.zeros((size, size))
+    total = np.zeros((len(bodies.radius), size, size))
+    swollen = np.broadcast_to(swollen, size)
     least = np.sqrt(effective_radius(met, bodies) * np.maximum(met.overlap, 0))
     for sphere, radius in enumerate(bodies.radius):
         own = np.flatnonzero((met.i == sphere) | (met.j == sphere))
         inward = {c: met.normal[c] * (1 if met.i[c] == sphere else -1) for c in own}
-        depth = {c: radius - met.overlap[c] / 2 for c in own}
+        later = {c: sphere == max(met.i[c], met.j[c]) for c in own}
+        moved = {c: (1 if later[c] else -1) * (met.j[c] >= 0) * swollen[c] for c in own}
+        depth = {c: radius - met.overlap[c] / 2 + moved[c] / 2 for c in own}
         for c in own:
             for k in own[own != c]:
                 cut, args = max(least[c], least[k]), (bodies.modulus, bodies.nu)
                 if symmetric:
                     args += (depth[k], depth[c], inward[k], inward[c])
-                    total[c, k] += reciprocal(*args, cut)
+                    total[sphere, c, k] = reciprocal(*args, cut)
                 else:
                     args += (-depth[k] * inward[k], inward[k], -depth[c] * inward[c], inward[c])
-                    total[c, k] += published(*args, cut)
+                    total[sphere, c, k] = published(*args, cut)
     return total
 
 
-def effective_radius(met, bodies):
+def effective_radius(met, bodies, swollen=0.0):
     other = np.where(met.j >= 0, bodies.radius[met.j], np.inf)
-    return 1 / (1 / bodies.radius[met.i] + 1 / other)
+    later, pair = met.i > met.j, met.j >= 0
+    return 1 / (
+        1 / (bodies.radius[met.i] + swollen * (pair & later)) + 1 / (other + swollen * ~later)
+    )
 
 
-def hertz_stiffness(met, bodies):
+def hertz_stiffness(met, bodies, swollen=0.0):
     """K of F = K D^1.5."""
     sphere = (1 - bodies.nu**2) / bodies.modulus
     other = np.where(met.j >= 0, sphere, (1 - bodies.nu**2) / bodies.wall_modulus)
-    return 4 / 3 / (sphere + other) * np.sqrt(effective_radius(met, bodies))
+    return 4 / 3 / (sphere + other) * np.sqrt(effective_radius(met, bodies, swollen))
 
 
 def equilibrium(met, bodies, symmetric=True, rounds=400):
-    """Forces (c,), effective overlaps (c,) and M."""
-    raised, stiffness = influence(met, bodies, symmetric), hertz_stiffness(met, bodies)
-    effective = met.overlap
-    for _ in range(rounds):
-        effective = met.overlap + raised @ (stiffness * np.maximum(effective, 0) ** 1.5)
+    """Forces (c,), effective overlaps (c,) and M.  As LIGGGHTS has it (not ``symmetric``), the
+    later of two spheres has a larger radius."""
+    effective, swollen = met.overlap, 0.0
+    later = np.maximum(met.i, met.j)
+    for _ in range(1 if symmetric or rounds == 0 else SWELLINGS):
+        of_each = influence(met, bodies, symmetric, swollen)
+        raised, stiffness = of_each.sum(axis=0), hertz_stiffness(met, bodies, swollen)
+        for _ in range(rounds):
+            force = stiffness * np.maximum(effective, 0) ** 1.5
+            effective = met.overlap + raised @ force
+        if not symmetric and rounds:
+            expansion = (of_each @ force)[later, np.arange(len(later))]
+            swollen = np.where(met.j >= 0, expansion, 0.0)
     return stiffness * np.maximum(effective, 0) ** 1.5, effective, raised
 
 

@@ -179,7 +179,8 @@ for driver in ("serial", "parallel", "team"):
 """
 
 
-def start(threads):
+def start(threads, script=SCRIPT):
+    """A process that runs ``script`` by so many threads."""
     tests, package = os.path.dirname(__file__), os.path.dirname(os.path.dirname(dem.__file__))
     environment = {
         **os.environ,
@@ -187,7 +188,7 @@ def start(threads):
         "PYTHONPATH": os.pathsep.join([package, tests]),
     }
     return subprocess.Popen(
-        [sys.executable, "-W", "ignore", "-c", SCRIPT],
+        [sys.executable, "-W", "ignore", "-c", script],
         env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -354,8 +354,6 @@ def test_wrong_parameters_are_refused(given, what):
 
 def test_what_has_no_meaning_is_refused_with_the_reason():
     surface = dem.MultiContact()
-    with pytest.raises(dem.InputError, match="past zero overlap"):
-        dem.Law(dem.JKR(0.05, 0.9), surface=surface)
     with pytest.raises(dem.InputError, match="whole sphere"):
         dem.Law(dem.Hertz(0.9), surface=surface, pairs={("bead", "bead"): {"surface": surface}})
     with pytest.raises(dem.InputError, match="must be 'none' with a surface law"):

@@ -134,6 +134,7 @@ def _listed(
         reason = f"is summed up: {', '.join(losing)}"
     yield Effect("dissipation", found["losses"], reason)
     yield _substrate_coupling(scene.substrate)
+    yield _extrapolated_exchange(scene.substrate)
     yield Effect(
         "multi-contact",
         law.surface is not None,
@@ -173,11 +174,26 @@ def _ground(scene: Scene) -> Iterator[Effect]:
 def _substrate_coupling(ground: Substrate | None) -> Effect:
     if ground is None:
         return Effect("substrate coupling", False, "no substrate")
+    every = ground.exchange_every
     reason = {
-        "implicit": f"contacts feel each other ({ground.coupling} coupling), solved together at "
-        f"every step to {ground.residual:g}{'' if ground.homogeneous else ', on the host'}",
+        "implicit": f"contacts feel each other ({ground.coupling} coupling), solved together "
+        f"{'at every step' if every == 1 else f'every {every} steps'} to {ground.residual:g}"
+        f"{'' if ground.homogeneous else ', on the host'}",
         "lagged": f"contacts feel each other ({ground.coupling} coupling) by the forces of the "
         "step before",
         "none": 'exchange is "none": an elastic plane',
     }
     return Effect("substrate coupling", ground.exchange != "none", reason[ground.exchange])
+
+
+def _extrapolated_exchange(ground: Substrate | None) -> Effect:
+    name = "extrapolated exchange"
+    if ground is None or ground.exchange == "none":
+        return Effect(name, False, "nothing is exchanged")
+    if ground.exchange_every == 1:
+        return Effect(name, False, "the ground is asked at every step")
+    return Effect(
+        name,
+        True,
+        f"expansions go on as they did, between exchanges {ground.exchange_every} steps apart",
+    )

@@ -168,7 +168,7 @@ class Engine:
     def _make_steps(self, most: int) -> int:
         """As many steps as can be made before the host is needed, at most ``most``."""
         if self._host is not None:
-            most = 1
+            most = min(most, self._host.steps_to_next(self.step))
         drivers = self.drivers
         ways = {"serial": drivers.serial, "team": drivers.team, "parallel": drivers.loop}
         return self.pace.advance(most, ways)
@@ -220,8 +220,15 @@ class Engine:
         if reasons & 1 << OVERPRESSED:
             self._stop(*guards.describe_overpressed(self.records()))
         if reasons & 1 << UNSOLVED:
-            self._stop(NO_EQUILIBRIUM if self._host is None else self._host.trouble, None)
+            self._stop(self._unsolved(), None)
         return reasons
+
+    def _unsolved(self) -> str:
+        """Why the exchange has called for a stop."""
+        exchange = self.exchange
+        if exchange is not None and exchange.extrapolates and exchange.between.lost:
+            return exchange.between.reason()
+        return NO_EQUILIBRIUM if self._host is None else self._host.trouble
 
     def _stop_at_nonsense(self) -> None:
         step, smallest = self.time_step, self._smallest

@@ -18,6 +18,7 @@ BUT_ONE = [
     "multi-contact",
     "adhesion",
     "substrate coupling",
+    "extrapolated exchange",
     "moving boundaries",
 ]
 
@@ -99,7 +100,11 @@ def test_wall_time_is_shared_out(plain):
         ("multi-contact", {"multi-contact"}),
         ("substrate coupling", {"substrate coupling"}),
         ("moving boundaries", {"moving boundaries"}),
-        ("all but adhesion", set(ALONE) - {"adhesion", "multi-contact"}),
+        ("extrapolated exchange", {"substrate coupling", "extrapolated exchange"}),
+        (
+            "all but adhesion",
+            set(ALONE) - {"adhesion", "multi-contact", "extrapolated exchange"},
+        ),
     ],
 )
 def test_each_effect_can_be_left_out_alone(name, expected):

@@ -71,6 +71,7 @@ class ContactList:
         history = effects.history
         self.particles, self.capacity, self.names = particles, capacity, tuple(history)
         self.has_history, self.dissipates = bool(history), effects.losses
+        self.recalls = effects.losses or effects.sleep
         self.rolls = effects.rolling
         self.shares_inertia = "rolling_inertia" in effects.asks_for
         builder = ti.FieldsBuilder()
@@ -98,8 +99,10 @@ class ContactList:
             builder.dense(ti.i, capacity).place(self.history)
             builder.dense(ti.i, capacity).place(self.old_history)
         if self.dissipates:
-            self.lost, self.old_result = ti.field(real), Result.field()
+            self.lost = ti.field(real)
             builder.dense(ti.i, capacity).place(self.lost)
+        if self.recalls:
+            self.old_result = Result.field()
             builder.dense(ti.i, capacity).place(self.old_result)
         if self.shares_inertia:
             self.number = ti.field(ti.i32)
@@ -138,5 +141,5 @@ def _copy_file(old: ti.template(), new: ti.template()):
         new.old_partner[p] = old.old_partner[p]
         if ti.static(old.has_history):
             new.old_history[p] = old.old_history[p]
-        if ti.static(old.dissipates):
+        if ti.static(old.recalls):
             new.old_result[p] = old.old_result[p]

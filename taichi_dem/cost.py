@@ -143,6 +143,8 @@ def variants(scene: Scene, books: bool) -> Iterator[tuple[str, Scene, bool]]:
     if any(wall.moves for wall in scene.boundaries):
         still = tuple(_standing(wall) for wall in scene.boundaries)
         yield "moving boundaries", dataclasses.replace(scene, boundaries=still), books
+    if scene.sleep:
+        yield "sleep", dataclasses.replace(scene, sleep=False), books
     if books:
         yield "dissipation", scene, False
 

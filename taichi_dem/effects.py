@@ -27,6 +27,7 @@ class Effects:
     plastic             elastic forces take energy that they do not give back
     losses              what is lost is booked
     balanced            all energy is accounted for
+    sleep               clusters at rest sleep
     asks_for            parts of a ``Contact`` that only some laws want
     """
 
@@ -37,6 +38,7 @@ class Effects:
     plastic: bool
     losses: bool
     balanced: bool
+    sleep: bool
     asks_for: frozenset[str]
     listed: tuple[Effect, ...]
 
@@ -72,6 +74,7 @@ def effects_of(scene: Scene, energy_balance: bool = True) -> Effects:
         and (any(normal.plastic for normal, *_ in normals) or _creeps(scene)),
         "losses": energy_balance and bool(losing),
         "balanced": energy_balance or not losing,
+        "sleep": scene.sleep,
         "asks_for": frozenset(
             name for part in law.parts().values() for name in getattr(part, "asks_for", ())
         ),
@@ -147,6 +150,13 @@ def _listed(
         "moving boundaries",
         bool(moving),
         f"boundary {', '.join(moving)}" if moving else "no boundary moves",
+    )
+    yield Effect(
+        "sleep",
+        scene.sleep,
+        "clusters at rest are left out until they are touched"
+        if scene.sleep
+        else "spheres at rest are computed as all others are: sleep is false",
     )
     yield from _ground(scene)
 

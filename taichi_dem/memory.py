@@ -24,6 +24,8 @@ def memory(engine: Engine) -> dict[str, int]:
         parts["substrate"] = _substrate(engine.exchange)
     if engine.expansions is not None:
         parts["multi-contact"] = fields(engine.expansions)
+    if engine.sleep is not None:
+        parts["sleep"] = fields(engine.sleep)
     return parts
 
 
@@ -35,7 +37,7 @@ def by_effect(engine: Engine) -> dict[str, int]:
         "rotation": sum(member(contacts.result, name) for name in ("couple", "torque")),
         "history": sum(part(one, "history") + part(one, "old_history") for one in held),
         "dissipation": part(contacts, "lost")
-        + part(contacts, "old_result")
+        + (part(contacts, "old_result") if contacts.dissipates else 0)
         + member(contacts.result, "drag"),
     }
     if exchange is not None:
@@ -45,6 +47,9 @@ def by_effect(engine: Engine) -> dict[str, int]:
         parts["substrate coupling"] = _substrate(exchange) - courses
     if engine.expansions is not None:
         parts["multi-contact"] = fields(engine.expansions)
+    if engine.sleep is not None:
+        kept = 0 if contacts.dissipates else part(contacts, "old_result")
+        parts["sleep"] = fields(engine.sleep) + kept
     if walls.any_moves:
         parts["moving boundaries"] = size(walls.pressing) + size(walls.table)
     return parts

@@ -51,7 +51,7 @@ class Neighbors:
                     self.contacts.old_partner[filed] = self.name_of(self.contacts.ends[p].j)
                     if ti.static(self.contacts.has_history):
                         self.contacts.old_history[filed] = self.contacts.history[p]
-                    if ti.static(self.contacts.dissipates):  # their work is a trapezoid's
+                    if ti.static(self.contacts.recalls):  # their work is a trapezoid's
                         self.contacts.old_result[filed] = self.contacts.result[p]
                     filed += 1
             self.contacts.old_end[row] = filed
@@ -74,7 +74,7 @@ class Neighbors:
                 found += 1
             if found < end:
                 touching = TOUCHING
-                if ti.static(self.contacts.dissipates):
+                if ti.static(self.contacts.recalls):
                     self.contacts.result[p] = self.contacts.old_result[found]
         self.contacts.touching[p] = touching
         if ti.static(self.contacts.has_history):

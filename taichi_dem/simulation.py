@@ -322,6 +322,12 @@ class Simulation:
         """What the scene calls for, and why."""
         return self._engine.effects
 
+    @property
+    def asleep(self) -> np.ndarray:
+        """Which spheres sleep now, (n,): none unless the scene has ``sleep``."""
+        sleep = self._engine.sleep
+        return np.zeros(len(self.particles.radius), bool) if sleep is None else sleep.read()
+
     def neglected(self) -> "list[Neglected]":
         """How much each effect that is off though it would act would change the contact forces in
         the present state; see :mod:`taichi_dem.neglect`. It compiles a simulation for each."""
@@ -353,6 +359,7 @@ class Simulation:
             "rebuilds": self._engine.rebuilds,
             "skin_m": self._engine.skin.width,
             **self._exchange_summary(),
+            **({"asleep": int(self.asleep.sum())} if self.effects.sleep else {}),
             "seconds": {
                 "steps": self._stepping - lists,
                 "contact lists": lists,

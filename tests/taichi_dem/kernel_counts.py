@@ -25,6 +25,7 @@ FLAGS = {  # what the parts of the code that belong to an effect are compiled by
     "dissipation": {"dissipates", "plastic"},
     "substrate coupling": {"coupled", "has_exchange"},
     "extrapolated exchange": {"extrapolates"},
+    "sleep": {"sleeps"},
     "moving boundaries": {"moves", "any_moves"},
 }
 SERIAL = {"HALFSPACE_THREADS": "1", "HALFSPACE_BACKEND": "taichi"}
@@ -131,6 +132,7 @@ def scenes():
             boundaries=[],
             substrate=dataclasses.replace(soft["substrate"], exchange_every=4),
         ),
+        "sleep": scene(dem.Law(elastic), sleep=True),
         "moving boundaries": scene(dem.Law(elastic), **moved),
         "all but friction": but("tangential"),
         "all but rolling": but("rolling"),

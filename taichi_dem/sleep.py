@@ -24,7 +24,7 @@ from taichi_dem.particles import Particles
 from taichi_dem.types import ti, vec3
 
 LOOK_EVERY = 200  # steps
-REST = 1e-5  # forces out of balance over forces; squared, energy of motion over that of contacts
+REST = 1e-4  # forces out of balance over forces; squared, energy of motion over that of contacts
 
 
 @ti.data_oriented

@@ -157,6 +157,21 @@ def test_what_swings_too_far_is_warned_of_and_stopped(sim):
         begin(sim, velocity, 8, 48)
 
 
+def test_a_sphere_that_the_last_exchange_did_not_know_is_counted(sim):
+    """It is off the list until it is about to touch; with a wide skin it has been known for long."""
+    position = np.column_stack([places(SIDE), np.full(SIDE**2, HIGH)])
+    position[0, 2] = 1.005 * R
+    velocity = np.zeros((SIDE**2, 3))
+    velocity[0, 2] = -0.05
+    sim._engine.exchange.between.every[None] = 16
+    for width, told in ((4e-4, 1), (0.1, 0)):
+        with skin_held_at(sim, width * R), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            restart(sim, position, velocity, dt=PERIOD / 400).run(steps=200)
+            assert len(sim.substrate.force) == 1
+            assert sim.warnings.get("unseen_contacts", 0) == told
+
+
 @FAR
 def test_a_stop_goes_back_and_begins_anew(sim):
     """A step grown too long for the exchange: the last good state, then solved for twice."""

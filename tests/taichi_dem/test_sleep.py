@@ -75,8 +75,8 @@ def assert_same_bits(found, expected):
 
 
 def test_a_heap_at_rest_sleeps_and_is_where_it_would_be(sim):
-    """Places to 1e-4 of the overlaps, forces to 1e-4 of the largest; the books close as well. What
-    sleeps does not move."""
+    """Places to 1e-4 of the overlaps, forces to 1e-4 of the largest, the books to 1e-4 of what
+    the contacts hold. What sleeps does not move."""
     begin(sim, sleeps=False).run(steps=STEPS)
     awake, books = sim.particles.position.copy(), sim.energy()
     forces = sim.contacts()["force"]
@@ -88,7 +88,7 @@ def test_a_heap_at_rest_sleeps_and_is_where_it_would_be(sim):
     assert np.abs(sim.particles.position - awake).max() < 1e-4 * overlap
     assert np.abs(sim.contacts()["force"] - forces).max() < 1e-4 * np.abs(forces).max()
     for part, value in sim.energy().items():
-        assert value == pytest.approx(books[part], abs=1e-9 * books["kinetic"])
+        assert value == pytest.approx(books[part], abs=1e-4 * books["normal"])
     slept = sim.particles.position[:HEAP].copy()
     sim.run(steps=100)
     assert np.array_equal(sim.particles.position[:HEAP], slept)
@@ -163,7 +163,8 @@ def test_no_bit_depends_on_cuts_lists_or_order(sim, monkeypatch):
 
     total = 2 * STEPS + 17
     expected = ends([total])
-    found = [ends([LOOK_EVERY, 1, LOOK_EVERY - 2, 999, 1, total - 1400 + 1])]
+    blow = [1] * 600  # the striker arrives within these
+    found = [ends([LOOK_EVERY, 1, LOOK_EVERY - 2, 1, 6600, *blow, total - 7600])]
     for width in (0.02, 0.3):
         with skin_held_at(sim, width * R):
             found.append(ends([total]))

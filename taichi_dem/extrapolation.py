@@ -97,7 +97,8 @@ class Extrapolation:
         ground.last, ground.solved = now, ground.force
         if ground.force != 0.0:
             overlap = body.radius - body.position[2] + ground.expansion
-            tangent = self.exchange.law(k, overlap)[1]
+            # Adhesive laws grow stiff without bound where they let go: that is no oscillation.
+            tangent = self.exchange.law(k, ti.max(overlap, 0.0))[1]
             time = ti.cast(self.every[None], real) * self.control.time_step[None]
             phase = time * ti.sqrt(tangent * body.inverse_mass)
             self.phase[None] = ti.max(self.phase[None], phase)

@@ -158,7 +158,7 @@ def test_what_swings_too_far_is_warned_of_and_stopped(sim):
 
 
 def test_a_sphere_that_the_last_exchange_did_not_know_is_counted(sim):
-    """It is off the list until it is about to touch; with a wide skin it has been known for long."""
+    """Off the list until it is about to touch; with a wide skin it has been known for long."""
     position = np.column_stack([places(SIDE), np.full(SIDE**2, HIGH)])
     position[0, 2] = 1.005 * R
     velocity = np.zeros((SIDE**2, 3))

@@ -27,6 +27,7 @@ NAMES = (
     "soak",
     "law_costs",
     "effect_costs",
+    "sleeping_bed",
     "half_space",
     "cold_solve",
     "moving_contacts",

@@ -57,6 +57,8 @@ def check(
         listed = ", ".join(f"{name} {in_bytes(size)}" for name, size in parts.items())
         _say("memory", f"{in_bytes(sum(parts.values()))} of fields: {listed}")
         _say("run time", run_time(sim, steps, built))
+        for text in exchanges(sim):
+            _say("exchange", text)
         if cost:
             for k, text in enumerate(costs(sim)):
                 _say("" if k else "cost", text)
@@ -141,6 +143,21 @@ def run_time(sim: Any, steps: int, built: float) -> str:
     if sim.coordination() < SETTLED:
         text += f"; up to {SLOWER} times as long once the spheres have settled"
     return text
+
+
+def exchanges(sim: Any) -> Iterator[str]:
+    """How far contacts on the ground have swung between two exchanges in the steps just made."""
+    phase = sim.summary().get("exchange_phase")
+    if phase is None:
+        return
+    from taichi_dem.extrapolation import LOST_PHASE, STEEP_PHASE
+
+    every = sim.scene.substrate.exchange_every
+    yield (
+        f"every {every} steps, in which a contact on the ground turned by {phase:.2g} rad of its "
+        f"own oscillation at most so far (warned of from {STEEP_PHASE:g}, stopped from "
+        f"{LOST_PHASE:g})"
+    )
 
 
 def costs(sim: Any) -> Iterator[str]:

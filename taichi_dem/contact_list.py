@@ -38,10 +38,12 @@ def result_parts(effects: Effects) -> dict[str, Any]:
     return parts
 
 
-def booked_parts(effects: Effects) -> dict[str, Any]:
-    """Of that, what the books of energy need of the step before."""
+def recalled_parts(effects: Effects) -> dict[str, Any]:
+    """Of that, what is needed of the step before: by the books of energy the parts that do work, by
+    contacts that sleep all of it."""
+    parts = result_parts(effects)
     work = {"couple", "torque", "force" if effects.plastic else "drag"}
-    return {name: kind for name, kind in result_parts(effects).items() if name in work}
+    return {name: kind for name, kind in parts.items() if effects.sleep or name in work}
 
 
 def history_type(effects: Effects) -> Any:
@@ -77,6 +79,7 @@ class ContactList:
         history = effects.history
         self.particles, self.capacity, self.names = particles, capacity, tuple(history)
         self.has_history, self.dissipates = bool(history), effects.losses
+        self.recalls = effects.losses or effects.sleep
         self.rolls = effects.rolling
         self.shares_inertia = "rolling_inertia" in effects.asks_for
         builder = ti.FieldsBuilder()
@@ -104,13 +107,15 @@ class ContactList:
             builder.dense(ti.i, capacity).place(self.history)
             builder.dense(ti.i, capacity).place(self.old_history)
         if self.dissipates:
-            booked = booked_parts(effects)
-            self.lost, self.old_result = ti.field(real), ti.types.struct(**booked).field()
+            self.lost = ti.field(real)
             builder.dense(ti.i, capacity).place(self.lost)
+        if self.recalls:
+            kept = recalled_parts(effects)
+            self.old_result = ti.types.struct(**kept).field()
             builder.dense(ti.i, capacity).place(self.old_result)
-            self.booked = [
+            self.recalled = [
                 tuple(whole.get_member_field(name) for whole in (self.result, self.old_result))
-                for name in booked
+                for name in kept
             ]
         if self.shares_inertia:
             self.number = ti.field(ti.i32)
@@ -149,5 +154,5 @@ def _copy_file(old: ti.template(), new: ti.template()):
         new.old_partner[p] = old.old_partner[p]
         if ti.static(old.has_history):
             new.old_history[p] = old.old_history[p]
-        if ti.static(old.dissipates):
+        if ti.static(old.recalls):
             new.old_result[p] = old.old_result[p]

@@ -130,14 +130,21 @@ def variants(scene: Scene, books: bool) -> Iterator[tuple[str, Scene, bool]]:
     if law.surface is not None:
         yield "multi-contact", without("surface"), books
     if ground is not None and ground.exchange != "none":
-        rigid = dataclasses.replace(ground, exchange="none", layer=None, relaxation=None)
+        rigid = dataclasses.replace(
+            ground, exchange="none", exchange_every=1, layer=None, relaxation=None
+        )
         yield "substrate coupling", dataclasses.replace(scene, substrate=rigid), books
+        if ground.exchange_every > 1:
+            solved = dataclasses.replace(ground, exchange_every=1)
+            yield "extrapolated exchange", dataclasses.replace(scene, substrate=solved), books
         if ground.coupling == "finite":
             points = dataclasses.replace(ground, coupling="point")
             yield "finite contact size", dataclasses.replace(scene, substrate=points), books
     if any(wall.moves for wall in scene.boundaries):
         still = tuple(_standing(wall) for wall in scene.boundaries)
         yield "moving boundaries", dataclasses.replace(scene, boundaries=still), books
+    if scene.sleep:
+        yield "sleep", dataclasses.replace(scene, sleep=False), books
     if books:
         yield "dissipation", scene, False
 

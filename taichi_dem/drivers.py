@@ -9,6 +9,7 @@ with forces and a half kick.
 from typing import Any
 
 from taichi_dem.boundaries import Boundaries
+from taichi_dem.contact_list import APART
 from taichi_dem.control import STALE, Control
 from taichi_dem.expansion_newton import DONE
 from taichi_dem.forces import Forces
@@ -20,7 +21,8 @@ from taichi_dem.types import ti
 @ti.data_oriented
 class Drivers:
     """Kernels that move a simulation on; ``exchange`` is the coupled substrate or None, of which
-    nothing is compiled here if it is always solved for on the host."""
+    nothing is compiled here if it is always solved for on the host; ``sleep`` says who sleeps, or
+    is None."""
 
     def __init__(
         self,
@@ -30,8 +32,10 @@ class Drivers:
         exchange: Any,
         control: Control,
         meeting: Meeting,
+        sleep: Any = None,
     ):
         self.meeting = meeting
+        self.sleep, self.sleeps = sleep, sleep is not None
         self.forces, self.verlet, self.boundaries = forces, verlet, boundaries
         self.exchange = exchange
         self.particles, self.contacts = forces.particles, forces.contacts
@@ -86,7 +90,28 @@ class Drivers:
                 self.control.raise_flag(STALE)
 
     @ti.func
+    def evaluate_contact(self, p, time_step):
+        """Contact ``p``, unless all of it sleeps."""
+        if ti.static(self.sleeps):
+            i, j = self.contacts.ends[p].i, self.contacts.ends[p].j
+            if self.sleep.concerns(i, j):
+                self.forces.evaluate(p, time_step)
+                if self.contacts.touching[p] != APART:
+                    self.sleep.touch(i, j)
+        else:
+            self.forces.evaluate(p, time_step)
+
+    @ti.func
     def move(self, i):
+        """Particle ``i`` over a step, unless it sleeps."""
+        if ti.static(self.sleeps):
+            if self.sleep.rouse(i):
+                self.stride(i)
+        else:
+            self.stride(i)
+
+    @ti.func
+    def stride(self, i):
         """The second half kick of a step, the first of the next, and its drift."""
         time_step = self.control.time_step[None]
         force, torque = self.forces.gather(i)
@@ -105,7 +130,7 @@ class Drivers:
             self.surface()
             self.settle_expansions()
             for p in range(self.contacts.start[self.particles.count]):
-                self.forces.evaluate(p, self.control.time_step[None])
+                self.evaluate_contact(p, self.control.time_step[None])
             self.settle_boundaries()
             self.carry_boundaries()
             for i in range(self.particles.count):
@@ -117,7 +142,7 @@ class Drivers:
     def parallel(self) -> ti.i32:
         """One step in parallel loops, after the surface's; returns whether the host is needed."""
         for p in range(self.contacts.start[self.particles.count]):
-            self.forces.evaluate(p, self.control.time_step[None])
+            self.evaluate_contact(p, self.control.time_step[None])
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.settle_boundaries()
@@ -196,7 +221,7 @@ class Drivers:
                     met += 1
                     self.meeting.wait(met)
             for p in range(first, last):
-                self.forces.evaluate(p, self.control.time_step[None])
+                self.evaluate_contact(p, self.control.time_step[None])
             if self.meeting.last_to_arrive():
                 self.settle_boundaries()
                 self.carry_boundaries()
@@ -228,11 +253,12 @@ class Drivers:
     @ti.kernel
     def begin(self):
         """First half kick and drift, with the forces of the present state."""
-        time_step = self.control.time_step[None]
         for i in range(self.particles.count):
-            load = self.particles.load[i]
-            self.verlet.kick(i, load.force, load.torque, time_step)
-            self.verlet.drift(i, time_step)
+            if ti.static(self.sleeps):
+                if self.sleep.is_awake(i):
+                    self.set_out(i)
+            else:
+                self.set_out(i)
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.carry_boundaries()
@@ -259,11 +285,13 @@ class Drivers:
         for _ in range(1):
             self.settle_expansions()
         for p in range(self.contacts.start[self.particles.count]):
-            self.forces.evaluate(p, time_step)
+            self.evaluate_contact(p, time_step)
         for i in range(self.particles.count):
             force, torque = self.forces.gather(i)
             if ti.static(self.lags):
                 self.expansions.update(i)
+            if ti.static(self.sleeps):
+                self.sleep.rouse(i)
             self.particles.load[i].force = force
             self.particles.load[i].torque = torque
 
@@ -274,8 +302,23 @@ class Drivers:
         for _ in range(1):
             self.settle_boundaries()
         for i in range(self.particles.count):
-            load = self.particles.load[i]
-            self.verlet.kick(i, load.force, load.torque, self.control.time_step[None])
+            if ti.static(self.sleeps):
+                if self.sleep.is_awake(i):
+                    self.kick(i)
+            else:
+                self.kick(i)
+
+    @ti.func
+    def set_out(self, i):
+        """The first half kick of a run, and the drift."""
+        self.kick(i)
+        self.verlet.drift(i, self.control.time_step[None])
+
+    @ti.func
+    def kick(self, i):
+        """Half a kick, by the load on record."""
+        load = self.particles.load[i]
+        self.verlet.kick(i, load.force, load.torque, self.control.time_step[None])
 
     @ti.kernel
     def note_pushes(self):

@@ -27,6 +27,7 @@ class Effects:
     plastic             elastic forces take energy that they do not give back
     losses              what is lost is booked
     balanced            all energy is accounted for
+    sleep               clusters at rest sleep
     asks_for            parts of a ``Contact`` that only some laws want
     """
 
@@ -37,6 +38,7 @@ class Effects:
     plastic: bool
     losses: bool
     balanced: bool
+    sleep: bool
     asks_for: frozenset[str]
     listed: tuple[Effect, ...]
 
@@ -72,6 +74,7 @@ def effects_of(scene: Scene, energy_balance: bool = True) -> Effects:
         and (any(normal.plastic for normal, *_ in normals) or _creeps(scene)),
         "losses": energy_balance and bool(losing),
         "balanced": energy_balance or not losing,
+        "sleep": scene.sleep,
         "asks_for": frozenset(
             name for part in law.parts().values() for name in getattr(part, "asks_for", ())
         ),
@@ -134,6 +137,7 @@ def _listed(
         reason = f"is summed up: {', '.join(losing)}"
     yield Effect("dissipation", found["losses"], reason)
     yield _substrate_coupling(scene.substrate)
+    yield _extrapolated_exchange(scene.substrate)
     yield Effect(
         "multi-contact",
         law.surface is not None,
@@ -146,6 +150,13 @@ def _listed(
         "moving boundaries",
         bool(moving),
         f"boundary {', '.join(moving)}" if moving else "no boundary moves",
+    )
+    yield Effect(
+        "sleep",
+        scene.sleep,
+        "clusters at rest are left out until they are touched"
+        if scene.sleep
+        else "spheres at rest are computed as all others are: sleep is false",
     )
     yield from _ground(scene)
 
@@ -173,11 +184,26 @@ def _ground(scene: Scene) -> Iterator[Effect]:
 def _substrate_coupling(ground: Substrate | None) -> Effect:
     if ground is None:
         return Effect("substrate coupling", False, "no substrate")
+    every = ground.exchange_every
     reason = {
-        "implicit": f"contacts feel each other ({ground.coupling} coupling), solved together at "
-        f"every step to {ground.residual:g}{'' if ground.homogeneous else ', on the host'}",
+        "implicit": f"contacts feel each other ({ground.coupling} coupling), solved together "
+        f"{'at every step' if every == 1 else f'every {every} steps'} to {ground.residual:g}"
+        f"{'' if ground.homogeneous else ', on the host'}",
         "lagged": f"contacts feel each other ({ground.coupling} coupling) by the forces of the "
         "step before",
         "none": 'exchange is "none": an elastic plane',
     }
     return Effect("substrate coupling", ground.exchange != "none", reason[ground.exchange])
+
+
+def _extrapolated_exchange(ground: Substrate | None) -> Effect:
+    name = "extrapolated exchange"
+    if ground is None or ground.exchange == "none":
+        return Effect(name, False, "nothing is exchanged")
+    if ground.exchange_every == 1:
+        return Effect(name, False, "the ground is asked at every step")
+    return Effect(
+        name,
+        True,
+        f"expansions go on as they did, between exchanges {ground.exchange_every} steps apart",
+    )

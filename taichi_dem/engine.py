@@ -32,6 +32,7 @@ from taichi_dem.neighbors import Neighbors
 from taichi_dem.pace import Pace, Skin
 from taichi_dem.particles import Particles
 from taichi_dem.scene import Scene, Spheres
+from taichi_dem.sleep import Sleep
 from taichi_dem.types import ti
 from taichi_dem.views import ParticleState, contact_records
 
@@ -82,6 +83,7 @@ class Engine:
         self.lag = None
         if self.exchange is not None and self.exchange.lagged:
             self.lag = LaggedWatch(self.exchange)
+        self.sleep = Sleep(self.particles, self.boundaries, builder) if effects.sleep else None
         self._trees = [builder.finalize()]
         weakref.finalize(self, _destroy, self._trees)
         self.control.fill(time_step, scene.gravity, max_overlap)
@@ -118,6 +120,8 @@ class Engine:
             self._hosted.restart()
         if self.lag is not None:
             self.lag.restart()
+        if self.sleep is not None:
+            self.sleep.wake_all(0)
         self.skin.restart()
         self.grid.cell_size[None] = self._set_skin()
         self.energy.loss(True)
@@ -157,6 +161,10 @@ class Engine:
             if self.lag is not None:
                 self._watch_lag(self.lag, step)
                 until = min(until, self.lag.next)
+            if self.sleep is not None:
+                if step >= self.sleep.next:
+                    self.lost += self.sleep.look(step, self.forces)
+                until = min(until, self.sleep.next)
             self._solve_on_host(self.time_step)
             if step == last:
                 break
@@ -169,7 +177,7 @@ class Engine:
     def _make_steps(self, most: int) -> int:
         """As many steps as can be made before the host is needed, at most ``most``."""
         if self._host is not None:
-            most = 1
+            most = min(most, self._host.steps_to_next(self.step))
         drivers = self.drivers
         ways = {"serial": drivers.serial, "team": drivers.team, "parallel": drivers.loop}
         return self.pace.advance(most, ways)
@@ -221,8 +229,15 @@ class Engine:
         if reasons & 1 << OVERPRESSED:
             self._stop(*guards.describe_overpressed(self.records()))
         if reasons & 1 << UNSOLVED:
-            self._stop(NO_EQUILIBRIUM if self._host is None else self._host.trouble, None)
+            self._stop(self._unsolved(), None)
         return reasons
+
+    def _unsolved(self) -> str:
+        """Why the exchange has called for a stop."""
+        exchange = self.exchange
+        if exchange is not None and exchange.extrapolates and exchange.between.lost:
+            return exchange.between.reason()
+        return NO_EQUILIBRIUM if self._host is None else self._host.trouble
 
     def _stop_at_nonsense(self) -> None:
         step, smallest = self.time_step, self._smallest
@@ -247,6 +262,8 @@ class Engine:
             self.creep.restore(good["creep"])
         if self.lag is not None:
             self.lag.restore(good["lag"])
+        if self.sleep is not None:
+            self.sleep.wake_all(good["step"])
         self.skin.start_again(good["step"])
         self.rebuild(remember=False)
         self._solve_on_host(0.0)
@@ -286,6 +303,8 @@ class Engine:
             self.particles.reorder(self.grid.particle)
             if self.exchange is not None:
                 self.exchange.reorder(self.grid.particle)
+            if self.sleep is not None:
+                self.sleep.reorder(self.grid.particle)
             self.grid.number_in_order()
         total = self.neighbors.count()
         if total > self.contacts.capacity:
@@ -341,7 +360,13 @@ class Engine:
         )
         verlet = Verlet(self.particles, self.control, self.effects.rotation)
         self.drivers = Drivers(
-            self.forces, verlet, self.boundaries, self.exchange, self.control, self.meeting
+            self.forces,
+            verlet,
+            self.boundaries,
+            self.exchange,
+            self.control,
+            self.meeting,
+            self.sleep,
         )
         self.energy = Energy(self.forces, self.exchange, self.boundaries)
         if old is not None:

@@ -17,6 +17,7 @@ from taichi_dem.contacts.elasticity import effective_youngs_modulus
 from taichi_dem.control import UNSOLVED, Control
 from taichi_dem.coupling import DONE, START, CoupledSolve
 from taichi_dem.effects import Effects
+from taichi_dem.extrapolation import Extrapolation, course_members
 from taichi_dem.material import Material
 from taichi_dem.pair_sums import of
 from taichi_dem.particles import Particles
@@ -39,7 +40,7 @@ past_values = ti.types.vector(PAST, real)
 past_drifts = ti.types.vector(DRIFTS, real)
 
 
-def ground_type(finite: bool) -> Any:
+def ground_type(finite: bool, extrapolates: bool) -> Any:
     """What the substrate keeps for a particle."""
     slopes = {"past_x": past_values, "past_y": past_values} if finite else {}
     return ti.types.struct(
@@ -52,6 +53,7 @@ def ground_type(finite: bool) -> Any:
         drift=past_drifts,  # what of their changes the solve's matrix does not explain, m
         drifts=ti.i32,  # how many of those there are
         **slopes,
+        **(course_members() if extrapolates else {}),
         age=ti.i32,  # how many of them there are
         anchor=vec3,  # x, y (m) and squared contact radius (m2) that the solve's matrix is for
         anchored=ti.i32,
@@ -108,7 +110,10 @@ class Exchange:
         self._soil, self._materials = substrate.material, materials
 
         n = particles.count
-        self.Ground = ground_type(self.finite)
+        self.extrapolates = substrate.exchange_every > 1
+        if self.extrapolates:
+            self.between, self._every = Extrapolation(self, builder), substrate.exchange_every
+        self.Ground = ground_type(self.finite, self.extrapolates)
         self.ground, self._sorted_ground = self.Ground.field(), self.Ground.field()
         self.members, self.entry = ti.field(ti.i32), ti.field(ti.i32)
         self.enrolled = ti.field(ti.i32)
@@ -127,7 +132,7 @@ class Exchange:
             fields.append(self.held)
         for field in fields:
             builder.dense(ti.i, n).place(field)
-        builder.dense(ti.i, 4).place(self.noticed)
+        builder.dense(ti.i, len(self._doubts())).place(self.noticed)
         builder.dense(ti.i, len(materials)).place(self.softness)
         builder.place(self.wave_speed, self.on_host)
         most = IN_KERNEL_CONTACTS if self.in_kernel else 1
@@ -140,6 +145,9 @@ class Exchange:
         self.solver.fill(self.residual)
         self.wave_speed[None] = self._soil.shear_wave_speed
         self.enrolled.fill(-1)
+        if self.extrapolates:
+            self.between.every[None] = self._every
+            self.between.forget()
         for k, material in enumerate(self._materials):
             self.softness[k] = 0.75 / effective_youngs_modulus(material, self._soil)
 
@@ -184,18 +192,26 @@ class Exchange:
         """Start without a past, as for a state that no step has led to; to be enrolled anew."""
         self.ground.fill(0)
         self.enrolled.fill(-1)
+        if self.extrapolates:
+            self.between.forget()
 
     def restart(self) -> None:
         """:meth:`forget`, and count from zero again."""
         self.forget()
         self.noticed.fill(0)
         self.solver.applications[None] = 0
+        if self.extrapolates:
+            self.between.largest[None] = 0.0
 
     def counts(self) -> dict[str, int]:
         """How often so far the half-space's assumptions did not hold: impacts too fast, contacts
-        too wide, points too close, contacts too wide for a layer."""
-        names = ("fast_impacts", "wide_contacts", "close_points", "wide_for_layer")
-        return {name: int(self.noticed[k]) for k, name in enumerate(names)}
+        too wide, points too close, contacts too wide for a layer; between two exchanges, contacts
+        that swing far, or that are made by spheres which the last one did not know of."""
+        return {name: int(self.noticed[k]) for k, name in enumerate(self._doubts())}
+
+    def _doubts(self) -> list[str]:
+        sparse = ["sparse_exchange", "unseen_contacts"] if self.extrapolates else []
+        return ["fast_impacts", "wide_contacts", "close_points", "wide_for_layer", *sparse]
 
     def read(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Elastic force (n,), expansion (n,) and slope (n, 2) by particle, in the user's order."""
@@ -224,15 +240,19 @@ class Exchange:
         """Elastic force and tangent of contact ``k`` at an effective overlap, motion apart; it
         sees what the contact remembered before the step, and does not change it.  Where the law
         softens, its force is held while the others adapt."""
+        history = self.History()
+        if ti.static(self.has_history):
+            history = self.history[k]
+        return self.elastic(self.members[k], overlap, history)
+
+    @ti.func
+    def elastic(self, i, overlap, history):
+        """:meth:`law` of particle ``i``."""
         answer = vec2(0.0)
-        i = self.members[k]
         closed = overlap > 0.0
         if ti.static(self.adhesion):
             closed = self.held[i] != 0
         if closed:
-            history = self.History()
-            if ti.static(self.has_history):
-                history = self.history[k]
             normal = self.normal.force(self.alone(i, overlap), self.coefficients(i), history)
             answer = vec2(normal.elastic, ti.max(normal.stiffness, 0.0))
         return answer
@@ -258,16 +278,22 @@ class Exchange:
         if ti.static(self.has_history):
             self.history[k] = contacts.history[p]
         if ti.static(self.adhesion):
-            overlap = self.overlap(i) - self.expected(i)
-            contact, table, history = self.alone(i, overlap), self.coefficients(i), self.History()
+            overlap, history = self.overlap(i) - self.expected(i), self.History()
             if ti.static(self.has_history):
                 history = self.history[k]
-            held = overlap > 0.0
-            if contacts.touching[p] != APART:
-                held = self.normal.holds(contact, table, history) != 0
-            self.held[i] = ti.cast(held, ti.i32)
-            if held:
-                opening = HELD_BEYOND * self.normal.opening(contact, table)
+            opening = self.hold(i, overlap, history, contacts.touching[p])
+        return opening
+
+    @ti.func
+    def hold(self, i, overlap, history, touching):
+        """Decide whether the adhesive contact of particle ``i`` holds; returns its opening."""
+        contact, table, opening = self.alone(i, overlap), self.coefficients(i), 0.0
+        held = overlap > 0.0
+        if touching != APART:
+            held = self.normal.holds(contact, table, history) != 0
+        self.held[i] = ti.cast(held, ti.i32)
+        if held:
+            opening = HELD_BEYOND * self.normal.opening(contact, table)
         return opening
 
     @ti.func
@@ -290,8 +316,11 @@ class Exchange:
 
     @ti.func
     def begin(self):
-        """Call for the coupled solve of a new step."""
-        if self.on_host[None] == 0:
+        """Call for the coupled solve of a new step, if it is to have one."""
+        calls = self.on_host[None] == 0
+        if ti.static(self.extrapolates):
+            calls = calls and self.between.due()
+        if calls:
             self.solver.phase[None] = START
 
     @ti.func
@@ -307,6 +336,17 @@ class Exchange:
         if solver.phase[None] == DONE:
             for k in range(solver.count[None]):
                 self.hear(k, self.members[k])
+            if ti.static(self.extrapolates):
+                self.note_course(solver.count[None])
+
+    @ti.func
+    def note_course(self, count):
+        """What is to be extrapolated from, after an exchange; in one thread."""
+        self.between.phase[None] = 0.0
+        for k in range(count):
+            self.between.note(k, self.members[k])
+        if self.between.finish() == 0:
+            self.control.raise_flag(UNSOLVED)
 
     @ti.func
     def tell(self, k, i):
@@ -318,6 +358,8 @@ class Exchange:
         solver.home_x[k], solver.home_y[k] = body.position[0], body.position[1]
         solver.radius[k], solver.overlap[k] = body.radius, self.overlap(i)
         solver.force[k] = ground.force
+        if ti.static(self.extrapolates):  # that which the known displacement belongs to
+            solver.force[k] = ground.solved
         solver.effective[k] = solver.overlap[k] - self.expected(i)
         drift = _extrapolated(ground.drift, ground.drifts)
         solver.base[k] = solver.overlap[k] - ground.past[0] - drift

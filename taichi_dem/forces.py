@@ -95,6 +95,8 @@ class Forces:
         overlap, expansion = met.overlap, vec2(0.0)
         if ti.static(self.coupled):
             if j == SUBSTRATE:
+                if ti.static(self.substrate.extrapolates):
+                    self.substrate.between.carry(p, self.contacts)
                 overlap += self.substrate.ground[i].expansion
         if ti.static(self.spreads):
             if self.expansions.note(p, met):

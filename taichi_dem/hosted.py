@@ -81,7 +81,10 @@ class HostedExchange:
 
     def update(self, contacts: ContactList, time_step: float) -> None:
         """Expansions and slopes for where the particles are now, ``time_step``, s, after the last
-        ones."""
+        ones, unless these are to be extrapolated."""
+        if self.exchange.extrapolates:
+            if self.exchange.control.step[None] < self.exchange.between.next[None]:
+                return
         opening = np.empty(self.exchange.count)
         self._settle(len(opening), contacts, opening)
         now = self._sent()
@@ -109,6 +112,13 @@ class HostedExchange:
         if (np.sqrt(depth.clip(0) * now.radius) > self._widest).any():
             self.give_up(TOO_WIDE_FOR_LAYER)
         self._take(len(depth), depth, effective - now.overlap, found.force, found.slope)
+        if self.exchange.extrapolates:
+            self._write_stored()
+            self._note_course(len(depth))
+
+    def steps_to_next(self, step: int) -> int:
+        """How many steps can be made from ``step`` on, which has been solved for."""
+        return int(self.exchange.between.next[None]) - step if self.exchange.extrapolates else 1
 
     def give_up(self, why: str) -> None:
         """Have the run stopped."""
@@ -116,6 +126,10 @@ class HostedExchange:
 
     def note_energy(self) -> None:
         """Write down what is stored in the surface: more work than every step should do."""
+        if not self.exchange.extrapolates:  # or it is known of every exchange
+            self._write_stored()
+
+    def _write_stored(self) -> None:
         now, plan = self._sent(), self._plan
         assert plan is not None
         if self.creep is not None:
@@ -231,6 +245,11 @@ class HostedExchange:
             i = self.exchange.members[k]
             fall = vec2(slope[k, 0], slope[k, 1])
             self.exchange.receive(i, depth[k], expansion[k], -expansion[k], force[k], fall)
+
+    @ti.kernel
+    def _note_course(self, n: ti.i32):
+        for _ in range(1):
+            self.exchange.note_course(n)
 
     @ti.kernel
     def _store(self, n: ti.i32, stored: ti.types.ndarray()):

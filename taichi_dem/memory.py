@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from taichi_dem.engine import Engine
+from taichi_dem.extrapolation import course_members
 from taichi_dem.grid import CELLS, Grid
 from taichi_dem.types import ti
 
@@ -23,6 +24,8 @@ def memory(engine: Engine) -> dict[str, int]:
         parts["substrate"] = _substrate(engine.exchange)
     if engine.expansions is not None:
         parts["multi-contact"] = fields(engine.expansions)
+    if engine.sleep is not None:
+        parts["sleep"] = fields(engine.sleep)
     return parts
 
 
@@ -34,14 +37,19 @@ def by_effect(engine: Engine) -> dict[str, int]:
         "rotation": sum(member(contacts.result, name) for name in ("couple", "torque")),
         "history": sum(part(one, "history") + part(one, "old_history") for one in held),
         "dissipation": part(contacts, "lost")
-        + part(contacts, "old_result")
+        + (part(contacts, "old_result") if contacts.dissipates else 0)
         + member(contacts.result, "drag"),
     }
     if exchange is not None:
         parts["adhesion"] = part(exchange, "held")
-        parts["substrate coupling"] = _substrate(exchange)
+        courses = _courses(exchange)
+        parts["extrapolated exchange"] = courses
+        parts["substrate coupling"] = _substrate(exchange) - courses
     if engine.expansions is not None:
         parts["multi-contact"] = fields(engine.expansions)
+    if engine.sleep is not None:
+        kept = 0 if contacts.dissipates else part(contacts, "old_result")
+        parts["sleep"] = fields(engine.sleep) + kept
     if walls.any_moves:
         parts["moving boundaries"] = size(walls.pressing) + size(walls.table)
     return parts
@@ -63,7 +71,18 @@ def member(struct: Any, name: str) -> int:
 
 
 def _substrate(exchange: Any) -> int:
-    return fields(exchange) + fields(exchange.solver) + fields(exchange.solver.sums)
+    parts = [exchange, exchange.solver, exchange.solver.sums]
+    if exchange.extrapolates:
+        parts.append(exchange.between)
+    return sum(fields(one) for one in parts)
+
+
+def _courses(exchange: Any) -> int:
+    """What is kept to extrapolate from."""
+    if not exchange.extrapolates:
+        return 0
+    held = 2 * sum(member(exchange.ground, name) for name in course_members())
+    return fields(exchange.between) + held
 
 
 def size(field: Any) -> int:

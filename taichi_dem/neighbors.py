@@ -51,8 +51,8 @@ class Neighbors:
                     self.contacts.old_partner[filed] = self.name_of(self.contacts.ends[p].j)
                     if ti.static(self.contacts.has_history):
                         self.contacts.old_history[filed] = self.contacts.history[p]
-                    if ti.static(self.contacts.dissipates):  # their work is a trapezoid's
-                        for result, filed_result in ti.static(self.contacts.booked):
+                    if ti.static(self.contacts.recalls):  # their work is a trapezoid's
+                        for result, filed_result in ti.static(self.contacts.recalled):
                             filed_result[filed] = result[p]
                     filed += 1
             self.contacts.old_end[row] = filed
@@ -75,8 +75,8 @@ class Neighbors:
                 found += 1
             if found < end:
                 touching = TOUCHING
-                if ti.static(self.contacts.dissipates):
-                    for result, filed_result in ti.static(self.contacts.booked):
+                if ti.static(self.contacts.recalls):
+                    for result, filed_result in ti.static(self.contacts.recalled):
                         result[p] = filed_result[found]
         self.contacts.touching[p] = touching
         if ti.static(self.contacts.has_history):

@@ -34,7 +34,9 @@ class Scene:
     Every sphere's centre must lie inside the boundaries and above the substrate, and no two
     spheres may overlap by more than half of the smaller radius. ``gravity`` is in m/s2. With
     ``period`` (Lx, Ly), m, spheres and substrate repeat themselves along x and y
-    (:mod:`taichi_dem.periodic`); centres may lie in any cell.
+    (:mod:`taichi_dem.periodic`); centres may lie in any cell. With ``sleep`` clusters of spheres
+    that have come to rest are left out of the computation until they are touched
+    (:mod:`taichi_dem.sleep`).
     """
 
     spheres: Spheres
@@ -43,12 +45,14 @@ class Scene:
     law: Any
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     period: Period | None = None
+    sleep: bool = False
 
     def __post_init__(self) -> None:
         problems = [*self._kind_problems(), *set_vectors(self, "gravity")]
         problems.append(period_problem(self.period))
         problems += self._surface_problems()
         problems += self._creep_problems()
+        problems += self._sleep_problems()
         if not any(problems):
             object.__setattr__(self, "boundaries", tuple(self.boundaries))
             problems += self._name_problems()
@@ -136,6 +140,20 @@ class Scene:
             return []
         rule = "must be Hertz with relaxation, which makes the ground's share of a contact creep"
         return [Problem("law.normal", normal, rule)]
+
+    def _sleep_problems(self) -> list[Problem]:
+        """Where somebody who is far away changes the forces on one who sleeps."""
+        if not isinstance(self.sleep, bool):
+            return [Problem("sleep", self.sleep, "must be true or false")]
+        found: list[Problem] = []
+        substrate = self.substrate
+        if self.sleep and isinstance(substrate, Substrate) and substrate.exchange != "none":
+            rule = "must be 'none' with sleep: a load elsewhere dents the ground under those asleep"
+            found.append(Problem("substrate.exchange", substrate.exchange, rule))
+        if self.sleep and getattr(self.law, "surface", None) is not None:
+            rule = "must be left out with sleep: its contacts are solved for all together"
+            found.append(Problem("law.surface", self.law.surface, rule))
+        return found
 
     def _name_problems(self) -> list[Problem]:
         names = [material.name for material in self.materials]

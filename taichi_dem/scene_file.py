@@ -24,7 +24,17 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-KEYS = ("gravity", "period", "materials", "spheres", "boundaries", "substrate", "law", "run")
+KEYS = (
+    "gravity",
+    "period",
+    "sleep",
+    "materials",
+    "spheres",
+    "boundaries",
+    "substrate",
+    "law",
+    "run",
+)
 SOURCES = {  # ways to give spheres, and the keys that go with each
     "position": ("position", "radius", "material", "velocity", "omega"),
     "generate": ("generate", "material", "velocity", "omega"),
@@ -92,6 +102,7 @@ def write(path: str | Path, scene: Scene, run: Run | None = None) -> None:
     document = {
         "gravity": list(scene.gravity),
         "period": list(scene.period) if scene.period else None,
+        "sleep": scene.sleep or None,
         "materials": {m.name: _without(plain(m), "name") for m in scene.materials},
         "spheres": _spheres_table(scene.spheres, path),
         "boundaries": [{"type": wall.kind, **_named(wall)} for wall in scene.boundaries],
@@ -124,7 +135,7 @@ class _Reader(Tables):
             material = self.build(Material, table, f"materials.{name}", name=name)
             self.materials[name] = material or UNKNOWN_MATERIAL
         parts: dict[str, Any]
-        parts = {key: document[key] for key in ("gravity", "period") if key in document}
+        parts = {key: document[key] for key in ("gravity", "period", "sleep") if key in document}
         parts["spheres"] = self.spheres(document.get("spheres"))
         parts["boundaries"] = [
             self.choose(BOUNDARIES, table, f"boundaries[{k}]")

@@ -11,13 +11,14 @@ from taichi_dem.scene import Scene
 from taichi_dem.validation import InputError
 
 FINEST_TOLERANCE, FINEST_RESIDUAL = 1e-8, 1e-10
+EVERY = "every "  # so many steps; the ground is solved for at each of them
 STEPS = (1.0, 1 / 2, 1 / 4, 1 / 8)  # of the stable step
 REFERENCE_STEP = 1 / 32  # of the stable step
 VALUES: dict[str, tuple[Any, ...]] = {  # from loose to tight
     "tolerance": (1e-2, 1e-4, 1e-6),
     "residual": (1e-1, 1e-2, 1e-4, 1e-6),
     "coupling": ("none", "point", "finite"),
-    "exchange": ("lagged", "implicit"),
+    "exchange": ("lagged", "every 16", "every 4", "every 2", "implicit"),
     "precision": ("single", "double"),
     "skin": (0.02, 0.05, 0.1, 0.2),  # smallest diameters
 }
@@ -28,7 +29,8 @@ KNOBS = ("step", *VALUES)
 class Settings:
     """One way to compute a scene; None where the scene has nothing that the knob turns.
 
-    ``step``: s, at most; ``tolerance``, ``residual``, ``exchange`` as in ``Substrate``;
+    ``step``: s, at most; ``tolerance``, ``residual`` as in ``Substrate``; ``exchange`` likewise, or
+    "every m" (implicit every m steps, extrapolated between);
     ``coupling`` likewise, or "none" (contacts on the ground do not feel each other);
     ``precision``: "double" or "single"; ``skin``: m, None where it is tuned.
     """
@@ -49,7 +51,9 @@ class Settings:
             return cls(step)
         if ground.exchange == "none":
             return cls(step, ground.tolerance, ground.residual, "none")
-        return cls(step, ground.tolerance, ground.residual, ground.coupling, ground.exchange)
+        every = ground.exchange_every
+        exchange = f"{EVERY}{every}" if every > 1 else ground.exchange
+        return cls(step, ground.tolerance, ground.residual, ground.coupling, exchange)
 
     @classmethod
     def tightest(cls, scene: Scene, step: float) -> Settings:
@@ -68,10 +72,13 @@ class Settings:
         if ground is None or self.coupling is None:
             return scene
         changes: dict[str, Any] = {"tolerance": self.tolerance, "residual": self.residual}
+        exchange, changes["exchange_every"] = self.exchange, 1
+        if exchange is not None and exchange.startswith(EVERY):
+            exchange, changes["exchange_every"] = "implicit", int(exchange.removeprefix(EVERY))
         if self.coupling == "none":
             changes["exchange"] = "none"
         else:
-            changes |= {"coupling": self.coupling, "exchange": self.exchange}
+            changes |= {"coupling": self.coupling, "exchange": exchange}
         return dataclasses.replace(scene, substrate=dataclasses.replace(ground, **changes))
 
     def accepted(self, scene: Scene) -> bool:

@@ -49,6 +49,12 @@ WARNINGS = {
     'coupling="point" neglects their size, coupling="finite" does not',
     "wide_for_layer": "a contact is wide for the thickness of the layer below it: beyond 0.4 of it "
     "(0.2 for points) forces err by a percent and more",
+    "sparse_exchange": "a contact with the substrate turns by more than 0.3 rad of its own "
+    "oscillation between two exchanges: extrapolation takes or gives some percent of its energy in "
+    "each of its periods; a smaller exchange_every or time step does less",
+    "unseen_contacts": "a sphere met the substrate between two exchanges of which the last one did "
+    "not know it, and found the surface undeformed: exchange_every times the step is long for "
+    "spheres so fast",
     "lagged_exchange": "the lagged exchange is close to divergence, with a spectral radius above "
     '0.5: it damps some motions and feeds others; exchange="implicit" does not',
 }
@@ -316,6 +322,12 @@ class Simulation:
         """What the scene calls for, and why."""
         return self._engine.effects
 
+    @property
+    def asleep(self) -> np.ndarray:
+        """Which spheres sleep now, (n,): none unless the scene has ``sleep``."""
+        sleep = self._engine.sleep
+        return np.zeros(len(self.particles.radius), bool) if sleep is None else sleep.read()
+
     def neglected(self) -> "list[Neglected]":
         """How much each effect that is off though it would act would change the contact forces in
         the present state; see :mod:`taichi_dem.neglect`. It compiles a simulation for each."""
@@ -346,7 +358,8 @@ class Simulation:
             "precision": backend.PRECISION,
             "rebuilds": self._engine.rebuilds,
             "skin_m": self._engine.skin.width,
-            **self._lag(),
+            **self._exchange_summary(),
+            **({"asleep": int(self.asleep.sum())} if self.effects.sleep else {}),
             "seconds": {
                 "steps": self._stepping - lists,
                 "contact lists": lists,
@@ -362,9 +375,14 @@ class Simulation:
             },
         }
 
-    def _lag(self) -> dict[str, float]:
-        lag = self._engine.lag
-        return {} if lag is None else {"lagged_spectral_radius": lag.largest}
+    def _exchange_summary(self) -> dict[str, float]:
+        """How far its cheaper ways are from failing."""
+        lag, exchange = self._engine.lag, self._engine.exchange
+        if lag is not None:
+            return {"lagged_spectral_radius": lag.largest}
+        if exchange is not None and exchange.extrapolates:
+            return {"exchange_phase": float(exchange.between.largest[None])}
+        return {}
 
     def _once(self, name: str, make: Any) -> Any:
         if name not in self._memo:

@@ -47,7 +47,8 @@ class Substrate:
     """The elastic half-space z < 0, or a ``layer`` of it; with ``relaxation`` it creeps.
 
     ``exchange`` is how its contacts feel each other: solved together at each step ("implicit"), by
-    the forces of the step before ("lagged"), or not at all ("none": a plane at z = 0).
+    the forces of the step before ("lagged"), or not at all ("none": a plane at z = 0). Solved
+    together every ``exchange_every`` steps only, what the ground does is extrapolated in between.
     ``force_lagged``: a lagged run goes on where the exchange is found to diverge.
     """
 
@@ -59,6 +60,7 @@ class Substrate:
     layer: Layer | None = None
     relaxation: Relaxation | None = None
     force_lagged: bool = False
+    exchange_every: int = 1
 
     def __post_init__(self) -> None:
         validate(
@@ -72,6 +74,7 @@ class Substrate:
             self._plane_problem("relaxation"),
             *self._relaxation_problems(),
             _flag_problem("force_lagged", self.force_lagged),
+            self._every_problem(),
             name="substrate",
         )
 
@@ -89,6 +92,18 @@ class Substrate:
         if self.exchange != "none" or getattr(self, name) is None:
             return None
         return Problem(name, None, "must be left out with exchange = 'none', a plane")
+
+    def _every_problem(self) -> Problem | None:
+        """Only what is solved for can be solved for less often."""
+        name, every = "exchange_every", self.exchange_every
+        if isinstance(every, bool) or not isinstance(every, int) or every < 1:
+            return Problem(name, every, "must be a whole number of steps >= 1")
+        if every > 1 and self.exchange != "implicit":
+            return Problem(name, every, f"must be 1 with exchange = {self.exchange!r}")
+        if every > 1 and self.relaxation is not None:
+            rule = "must be 1 with relaxation: the ground's memory follows the force of every step"
+            return Problem(name, every, rule)
+        return None
 
     def _relaxation_problems(self) -> Iterator[Problem]:
         """What does not go together with creep."""

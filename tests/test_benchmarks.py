@@ -43,6 +43,10 @@ def settled(bed):
         pytest.param(
             ("effect_costs", "-n", str(FEW), "--scenes", "powder", *QUICK), marks=pytest.mark.slow
         ),
+        pytest.param(
+            ("sleeping_bed", "-n", str(FEW), "--rounds", "2", "--steps", "50"),
+            marks=pytest.mark.slow,
+        ),
         ("half_space", "--count", "300", "--tolerance", "1e-2"),
         ("cold_solve", "-n", "100"),
         ("moving_contacts", "--side", "3", "--softness", "1", "--periods", "3", "--steps", "20"),

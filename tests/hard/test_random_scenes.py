@@ -91,6 +91,7 @@ def scenes(draw):
         boundaries=boundaries,
         substrate=dem.Substrate(hard) if ground else None,
         gravity=(0.0, 0.0, -0.1 * speed**2 / size),
+        sleep=not ground and draw(st.booleans()),
     )
 
 

@@ -5,6 +5,7 @@ runs a few steps; the compiler leaves every kernel in FOLDER.
 """
 
 import ast
+import dataclasses
 import math
 import os
 import re
@@ -23,6 +24,8 @@ FLAGS = {  # what the parts of the code that belong to an effect are compiled by
     "multi-contact": {"spreads", "solves", "lags"},
     "dissipation": {"dissipates", "plastic"},
     "substrate coupling": {"coupled", "has_exchange"},
+    "extrapolated exchange": {"extrapolates"},
+    "sleep": {"sleeps"},
     "moving boundaries": {"moves", "any_moves"},
 }
 SERIAL = {"HALFSPACE_THREADS": "1", "HALFSPACE_BACKEND": "taichi"}
@@ -124,6 +127,12 @@ def scenes():
         "multi-contact": scene(dem.Law(elastic, surface=dem.MultiContact())),
         "dissipation": scene(dem.Law(damped)),
         "substrate coupling": scene(dem.Law(elastic), **soft),
+        "extrapolated exchange": scene(
+            dem.Law(elastic),
+            boundaries=[],
+            substrate=dataclasses.replace(soft["substrate"], exchange_every=4),
+        ),
+        "sleep": scene(dem.Law(elastic), sleep=True),
         "moving boundaries": scene(dem.Law(elastic), **moved),
         "all but friction": but("tangential"),
         "all but rolling": but("rolling"),
@@ -132,6 +141,11 @@ def scenes():
             dem.Law(dem.JKR(restitution=0.5, work_of_adhesion=0.01), dem.Mindlin(0.3), rolls),
             boundaries=[presses],
             substrate=dem.Substrate(glass, exchange="none"),
+        ),
+        "all but extrapolated exchange": scene(
+            dem.Law(dem.JKR(restitution=0.5, work_of_adhesion=0.01), dem.Mindlin(0.3), rolls),
+            boundaries=[presses],
+            substrate=soft["substrate"],
         ),
         "all but adhesion": scene(
             dem.Law(damped, dem.Mindlin(0.3), rolls),

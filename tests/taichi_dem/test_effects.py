@@ -18,6 +18,7 @@ BUT_ONE = [
     "multi-contact",
     "adhesion",
     "substrate coupling",
+    "extrapolated exchange",
     "moving boundaries",
 ]
 
@@ -67,7 +68,7 @@ def test_every_effect_is_listed_with_a_reason(plain):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("effect", ["multi-contact", "substrate coupling", "adhesion"])
+@pytest.mark.parametrize("effect", ["multi-contact", "substrate coupling", "adhesion", "sleep"])
 def test_the_memory_of_an_effect_is_what_it_adds(effect, plain):
     """All fields of the scene with it, less those of the scene without; the contact lists of both
     are as long."""
@@ -99,7 +100,12 @@ def test_wall_time_is_shared_out(plain):
         ("multi-contact", {"multi-contact"}),
         ("substrate coupling", {"substrate coupling"}),
         ("moving boundaries", {"moving boundaries"}),
-        ("all but adhesion", set(ALONE) - {"adhesion", "multi-contact"}),
+        ("extrapolated exchange", {"substrate coupling", "extrapolated exchange"}),
+        ("sleep", {"sleep"}),
+        (
+            "all but adhesion",
+            set(ALONE) - {"adhesion", "multi-contact", "extrapolated exchange", "sleep"},
+        ),
     ],
 )
 def test_each_effect_can_be_left_out_alone(name, expected):

@@ -173,8 +173,8 @@ def test_all_mistakes_are_reported_at_once_with_their_keys(path):
     assert lines == [
         "boundaries[5].normal = 1: there is no such place in the file",
         "overrides = foo: must be path.to.key=value",
-        "lwa = {'x': 3}: unknown key; did you mean 'law'? known: gravity, period, materials, "
-        "spheres, boundaries, substrate, law, run",
+        "lwa = {'x': 3}: unknown key; did you mean 'law'? known: gravity, period, sleep, "
+        "materials, spheres, boundaries, substrate, law, run",
         "materials.gel.density = -1: must be > 0 kg/m3 (density)",
         "spheres.radius = 3: unknown key; known: generate, material, velocity, omega",
         "spheres.generate.count = -1: must be a whole number >= 1",

@@ -47,6 +47,17 @@ def test_every_knob_is_turned_to_what_the_scene_accepts():
     assert tight.applied(setup).substrate.residual == tight.residual
 
 
+def test_an_exchange_every_few_steps_is_a_setting():
+    setup = bobbing()
+    every = Settings.of(setup, 1e-5).but("exchange", "every 4")
+    ground = every.applied(setup).substrate
+    assert (ground.exchange, ground.exchange_every) == ("implicit", 4)
+    assert Settings.of(every.applied(setup), 1e-5) == every
+    assert Settings.tightest(every.applied(setup), 1e-5).exchange == "implicit"
+    for coupling in ("none", "point"):
+        assert every.but("coupling", coupling).accepted(every.applied(setup))
+
+
 def test_without_ground_there_is_nothing_to_couple():
     setup = scene([[0, 0, 0]], R, STONE, law=law())
     tight = Settings.tightest(setup, 1e-5)

@@ -171,7 +171,9 @@ class Engine:
             most = 1
         drivers = self.drivers
         ways = {"serial": drivers.serial, "team": drivers.team, "parallel": drivers.loop}
-        return self.pace.advance(most, ways)
+        made = self.pace.advance(most, ways)
+        self._let_dents_be(made - 1)  # the first of the steps has been seen to
+        return made
 
     @property
     def creep(self) -> Creep | None:
@@ -195,11 +197,19 @@ class Engine:
     def _solve_on_host(self, time_step: float) -> None:
         if self._host is not None:
             self._host.update(self.contacts, time_step)
+        elif time_step > 0:
+            self._let_dents_be(1)
+
+    def _let_dents_be(self, steps: int) -> None:
+        """They recover, step by step, so that it does not matter how many are made at once."""
+        if self.creep is not None:
+            for _ in range(steps):
+                self.creep.wait(self.time_step)
 
     def _note_stored(self) -> None:
         """What the surface holds; the solve in the kernel says so at every step."""
-        if self._host is not None:
-            self._host.note_energy()
+        if self._host is not None or self.creep is not None:
+            self._hosted.note_energy()  # type: ignore[union-attr]
 
     def _answer(self) -> None:
         """Do what the kernels called the host for."""
@@ -301,8 +311,6 @@ class Engine:
             self.boundaries.enrol(self.contacts)
         if self.exchange is not None:
             self.exchange.enrol(self.contacts)
-            if self.creep is not None and not self.exchange.hosted:
-                self.creep.forget()  # nobody is near the ground
         self.control.flags[STALE] = 0
         self.rebuilds += 1
         self.listing += time.perf_counter() - began
@@ -414,7 +422,8 @@ class Engine:
     def energy_parts(self) -> dict[str, float]:
         """Where the energy is now, J."""
         self._note_stored()
-        return self.energy.parts(np.array(self.scene.gravity), self.lost)
+        in_dents = 0.0 if self._hosted is None else self._hosted.in_dents
+        return self.energy.parts(np.array(self.scene.gravity), self.lost, in_dents)
 
 
 def _destroy(trees: list[Any]) -> None:

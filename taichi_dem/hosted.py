@@ -10,8 +10,9 @@ import numpy as np
 import halfspace
 from taichi_dem.contact_list import ContactList
 from taichi_dem.control import UNSOLVED
-from taichi_dem.creep import Creep, Pressed
+from taichi_dem.creep import Creep
 from taichi_dem.exchange import Exchange
+from taichi_dem.pressed import Pressed
 from taichi_dem.substrate import Relaxation
 from taichi_dem.types import ti, vec2
 
@@ -48,12 +49,12 @@ class Members(NamedTuple):
     @property
     def contact_radius(self) -> np.ndarray:
         """Hertz's, (n,) m."""
-        return np.cbrt(0.75 * np.maximum(self.force, 0.0) * self.radius / self.modulus)
+        return self.pressed.contact_radius(self.force)
 
     @property
     def pressed(self) -> Pressed:
-        """What the ground's creep has to know of them."""
-        return Pressed(self.ids, self.radius, self.modulus)
+        """What Hertz has to know of them."""
+        return Pressed(self.ids, self.place, self.radius, self.modulus)
 
 
 @ti.data_oriented
@@ -66,7 +67,10 @@ class HostedExchange:
         layer = exchange.halfspace.layer
         self._widest = np.inf if layer is None else MOST_OF_LAYER * layer.thickness
         self.trouble = NO_EQUILIBRIUM  # why the run is to be stopped, if it is
-        self.creep = None if relaxation is None else Creep(exchange.halfspace, relaxation)
+        self.creep: Creep | None = None
+        if relaxation is not None:
+            self.creep = Creep(exchange.halfspace, relaxation, exchange.residual)
+        self.in_dents = 0.0  # J, stored where nobody presses any more
 
     def restart(self) -> None:
         """Begin anew, with sums that know nothing of those before."""
@@ -99,7 +103,7 @@ class HostedExchange:
         depth = effective = found.overlap
         if self.creep is not None:
             spheres = now.pressed
-            effective = self.creep.accept(spheres, now.overlap, found, time_step)
+            effective = self.creep.accept(spheres, found, time_step)
             depth = self.creep.depth(spheres, found.force)
         if (np.sqrt(depth.clip(0) * now.radius) > self._widest).any():
             self._give_up(TOO_WIDE_FOR_LAYER)
@@ -112,9 +116,10 @@ class HostedExchange:
     def note_energy(self) -> None:
         """Write down what is stored in the surface: more work than every step should do."""
         now, plan = self._sent(), self._plan
-        assert plan is not None
+        if plan is None:
+            plan = self.exchange.halfspace.plan(now.place)
         if self.creep is not None:
-            stored = self.creep.stored(now.pressed, now.force, plan)
+            stored, self.in_dents = self.creep.stored(now.pressed, now.force, plan)
         else:
             a = now.contact_radius
             stored = now.force * plan.apply(now.force, a) - plan.energy(now.force, a)
@@ -143,16 +148,8 @@ class HostedExchange:
         )
 
     def _creeping(self, creep: Creep, now: Members, time_step: float) -> halfspace.Equilibrium:
-        found = creep.solve(
-            now.pressed,
-            now.place,
-            now.overlap,
-            now.expected,
-            time_step,
-            residual=self.exchange.residual,
-            plan=self._plan,
-        )
         assert self._plan is not None
+        found = creep.solve(now.pressed, now.overlap, now.expected, time_step, self._plan)
         self._plan.warn_of_points(np.sqrt(now.radius * np.maximum(found.overlap, 0.0)))
         return found
 

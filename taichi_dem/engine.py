@@ -146,7 +146,7 @@ class Engine:
         """Make ``steps`` >= 1 steps of velocity Verlet: half kick, drift, forces, half kick."""
         self._keep_good_state()
         step = self.step + 1
-        last = step + steps - 1
+        last, diverges = step + steps - 1, False
         self.drivers.begin()
         while True:
             self._answer()
@@ -154,16 +154,19 @@ class Engine:
                 self.rebuild()
             until = min(last, self.skin.review)
             if self.lag is not None:
-                self._watch_lag(self.lag, step)
+                diverges = self._found_to_diverge(self.lag, step)
                 until = min(until, self.lag.next)
             self._solve_on_host(self.time_step)
-            if step == last:
+            if step == last or diverges:
                 break
             step += self._make_steps(until - step)
         self.drivers.evaluate(self.time_step)
         self.drivers.finish()
         self._guard()
         self._stop_at_nonsense()
+        if self.lag is not None and diverges:
+            self._keep_good_state()
+            raise SimulationStopped(self._at_present(self.lag.reason()), None, self._good)
 
     def _make_steps(self, most: int) -> int:
         """As many steps as can be made before the host is needed, at most ``most``."""
@@ -186,13 +189,13 @@ class Engine:
         hosted = self._hosted
         return hosted if hosted is not None and hosted.exchange.hosted else None
 
-    def _watch_lag(self, lag: LaggedWatch, step: int) -> None:
-        """Stop a lagged exchange that is found to diverge."""
+    def _found_to_diverge(self, lag: LaggedWatch, step: int) -> bool:
+        """Whether a lagged exchange is to be stopped at this step, where its state is still sound:
+        so that it depends on no clock where that is."""
         if step < lag.next:
-            return
+            return False
         lag.look(step)
-        if lag.diverges and not self.scene.substrate.force_lagged:  # type: ignore[union-attr]
-            self._stop(lag.reason(), None)
+        return lag.diverges and not self.scene.substrate.force_lagged  # type: ignore[union-attr]
 
     def _solve_on_host(self, time_step: float) -> None:
         if self._host is not None:
@@ -244,7 +247,7 @@ class Engine:
             self._stop(guards.describe_boundary(b, speed, step, smallest), None)
 
     def _stop(self, why: str, row: int | None) -> None:
-        when = self.step * self.time_step
+        message = self._at_present(why)
         good = self._good
         self.particles.write(good["position"], good["velocity"], good["omega"])
         self.boundaries.write(good["motion"])
@@ -261,7 +264,10 @@ class Engine:
         self._solve_on_host(0.0)
         self.drivers.evaluate(0.0)
         self.lost = good["lost"] - self.energy.loss(False)
-        raise SimulationStopped(f"at t = {when:.6g} s {why}.", row, good)
+        raise SimulationStopped(message, row, good)
+
+    def _at_present(self, why: str) -> str:
+        return f"at t = {self.step * self.time_step:.6g} s {why}."
 
     def _keep_good_state(self) -> None:
         state = self.particles.read()

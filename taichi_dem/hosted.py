@@ -3,7 +3,6 @@ for all substrates that the kernel does not know.
 """
 
 import warnings
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from taichi_dem.contact_list import ContactList
 from taichi_dem.control import UNSOLVED
 from taichi_dem.creep import Creep
 from taichi_dem.exchange import Exchange
-from taichi_dem.pressed import Pressed
+from taichi_dem.members import Members, MembersOnHost
 from taichi_dem.substrate import Relaxation
 from taichi_dem.types import ti, vec2
 
@@ -32,37 +31,13 @@ TOO_WIDE_FOR_LAYER = (
 )
 
 
-class Members(NamedTuple):
-    """Spheres near the surface: ids; place (n, 2) m; shift (n, 2) m, where they are expected to
-    touch, seen from there; overlap with the undeformed surface, expected displacement of it, m;
-    force of the last step, N; radius, m; contact modulus E*, Pa; (n,) each."""
-
-    ids: np.ndarray
-    place: np.ndarray
-    shift: np.ndarray
-    overlap: np.ndarray
-    expected: np.ndarray
-    force: np.ndarray
-    radius: np.ndarray
-    modulus: np.ndarray
-
-    @property
-    def contact_radius(self) -> np.ndarray:
-        """Hertz's, (n,) m."""
-        return self.pressed.contact_radius(self.force)
-
-    @property
-    def pressed(self) -> Pressed:
-        """What Hertz has to know of them."""
-        return Pressed(self.ids, self.place, self.radius, self.modulus)
-
-
 @ti.data_oriented
 class HostedExchange:
     """Does for ``exchange`` what its in-kernel solve does, by ``halfspace``."""
 
     def __init__(self, exchange: Exchange, relaxation: Relaxation | None):
         self.exchange, self.particles = exchange, exchange.particles
+        self._members = MembersOnHost(exchange)
         self._plan: halfspace.Plan | None = None  # of the sums, kept from step to step
         layer = exchange.halfspace.layer
         self._widest = np.inf if layer is None else MOST_OF_LAYER * layer.thickness
@@ -82,7 +57,7 @@ class HostedExchange:
     def update(self, contacts: ContactList, time_step: float) -> None:
         """Expansions and slopes for where the particles are now, ``time_step``, s, after the last
         ones."""
-        now, opening = self._sent(), np.empty(self.exchange.count)
+        now, opening = self._members.now(), np.empty(self.exchange.count)
         self._settle(len(opening), contacts, opening)
         if self._plan is None:
             self._plan = self.exchange.halfspace.plan(now.place)
@@ -115,7 +90,7 @@ class HostedExchange:
 
     def note_energy(self) -> None:
         """Write down what is stored in the surface: more work than every step should do."""
-        now, plan = self._sent(), self._plan
+        now, plan = self._members.now(), self._plan
         if plan is None:
             plan = self.exchange.halfspace.plan(now.place)
         if self.creep is not None:
@@ -130,14 +105,14 @@ class HostedExchange:
         plan.refresh(now.place + now.shift)
         sunk, slope = plan.displacement(now.force, now.contact_radius)
         depth = now.overlap - sunk - (now.shift**2).sum(axis=1) / (2 * now.radius)
-        self._take(len(depth), depth, depth - now.overlap, self._law(depth)[0], slope)
+        self._take(len(depth), depth, depth - now.overlap, self._members.law(depth)[0], slope)
 
     def _elastic(self, now: Members, opening: np.ndarray) -> halfspace.Equilibrium:
         return halfspace.solve(
             self.exchange.halfspace,
             now.place,
             now.overlap,
-            self._law,
+            self._members.law,
             residual=self.exchange.residual,
             start=now.overlap - now.expected,
             opening=opening,
@@ -153,61 +128,11 @@ class HostedExchange:
         self._plan.warn_of_points(np.sqrt(now.radius * np.maximum(found.overlap, 0.0)))
         return found
 
-    def _sent(self) -> Members:
-        """The members as they are now."""
-        n = self.exchange.count
-        now = Members(np.empty(n, np.int32), np.empty((n, 2)), np.zeros((n, 2)), *np.empty((5, n)))
-        self._send(n, *now)
-        return now
-
-    def _law(self, overlap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        force, tangent = np.empty((2, len(overlap)))
-        self._evaluate_law(len(overlap), np.ascontiguousarray(overlap), force, tangent)
-        return force, tangent
-
     @ti.kernel
     def _settle(self, n: ti.i32, contacts: ti.template(), opening: ti.types.ndarray()):
         ti.loop_config(serialize=self.particles.few)
         for k in range(n):
             opening[k] = self.exchange.settle(k, contacts)
-
-    @ti.kernel
-    def _send(
-        self,
-        n: ti.i32,
-        ids: ti.types.ndarray(),
-        place: ti.types.ndarray(),
-        shift: ti.types.ndarray(),
-        overlap: ti.types.ndarray(),
-        expected: ti.types.ndarray(),
-        force: ti.types.ndarray(),
-        radius: ti.types.ndarray(),
-        modulus: ti.types.ndarray(),
-    ):
-        ti.loop_config(serialize=self.particles.few)
-        for k in range(n):
-            i = self.exchange.members[k]
-            body, ids[k] = self.particles.body[i], self.particles.spin[i].id
-            place[k, 0], place[k, 1] = body.position[0], body.position[1]
-            overlap[k], radius[k] = body.radius - body.position[2], body.radius
-            expected[k], force[k] = self.exchange.expected(i), self.exchange.ground[i].force
-            modulus[k] = 0.75 * body.radius / self.exchange.size(i)
-            if ti.static(self.exchange.finite):
-                moved = self.exchange.expected_shift(i)
-                shift[k, 0], shift[k, 1] = moved[0], moved[1]
-
-    @ti.kernel
-    def _evaluate_law(
-        self,
-        n: ti.i32,
-        overlap: ti.types.ndarray(),
-        force: ti.types.ndarray(),
-        tangent: ti.types.ndarray(),
-    ):
-        ti.loop_config(serialize=self.particles.few)
-        for k in range(n):
-            answer = self.exchange.law(k, overlap[k])
-            force[k], tangent[k] = answer[0], answer[1]
 
     @ti.kernel
     def _take(

@@ -150,7 +150,7 @@ def _substrate(sim: Any, points: int, cover: np.ndarray | None) -> dict[str, np.
     dents = np.concatenate([position, left])
     if period is None:
         reach = sim.particles.radius[np.asarray(substrate.particle, dtype=int)]
-        reach = np.append(reach, np.full(len(left), sim.particles.radius.max()))
+        reach = np.append(reach, np.full(len(left), np.max(sim.particles.radius, initial=0.0)))
         x, y = _around(sim.particles, dents, reach, points, cover)
     else:
         x, y = _grid(np.zeros(2), np.array(period), points)

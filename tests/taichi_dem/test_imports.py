@@ -17,7 +17,7 @@ LAYERS = {
     "scene time_step writing tables toml_text scene_file",
     "kernels": "types control particles effects contact_list grid neighbors boundaries geometry "
     "expansions reciprocal expansion_newton forces pair_sums coupling exchange pressed creep "
-    "hosted lagged integrate meeting drivers energy guards views pace engine memory",
+    "members hosted lagged integrate meeting drivers energy guards views pace engine memory",
     "simulation": "schedule simulation moments neglect",
     "outputs": "style wording snapshot frames progress output bed dents plot",
     "tools": "folder run cost check settings record accuracy orders closed_form worker workers "
@@ -35,6 +35,7 @@ LAZILY = {("scene_file", "contacts.law")}  # laws by name, where a file is read
 HALFSPACE_IN = {
     "exchange": {"halfspace"},
     "hosted": {"halfspace"},
+    "lagged": {"halfspace"},
     "creep": {"halfspace"},
     "pair_sums": {"halfspace.finite"},
     "types": {"halfspace.backend"},

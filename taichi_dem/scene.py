@@ -52,14 +52,16 @@ class Scene:
         if not any(problems):
             object.__setattr__(self, "boundaries", tuple(self.boundaries))
             problems += self._name_problems()
-            problems += self._period_problems()
+            narrow = self._period_problems()
+            problems += narrow
             for k, boundary in enumerate(self.boundaries):
                 where = f"inside boundaries[{k}]"
                 problems += _outside_problems(self.spheres.position, boundary, where)
             if self.substrate:
                 where = "above the substrate"
                 problems += _outside_problems(self.spheres.position, self.substrate, where)
-            problems += _overlap_problems(self.spheres, self.period)
+            if not any(narrow):  # where spheres may meet their own images
+                problems += _overlap_problems(self.spheres, self.period)
         if found := [problem for problem in problems if problem]:
             raise InputError(found)
 

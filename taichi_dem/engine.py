@@ -45,7 +45,7 @@ class Engine:
     """Owns the fields of ``scene`` and moves them on by whole steps of ``time_step`` (s).
 
     Raises ``SimulationStopped`` when a guard finds nonsense, after going back to where the spheres
-    and boundaries last were in good order; what the contacts remembered of friction is lost.
+    and boundaries last were in good order, with what the contacts remembered then.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class Engine:
 
     def _start(self) -> None:
         """Contacts and forces of a state that no step has led to."""
-        self._keep_good_state()
+        self._keep_good_state(begins=True)
         self._stop_at_nonsense()
         self.rebuild(remember=False)
         self._solve_on_host(0.0)
@@ -252,7 +252,6 @@ class Engine:
         self.particles.write(good["position"], good["velocity"], good["omega"])
         self.boundaries.write(good["motion"])
         self.control.step[None] = good["step"]
-        self.control.flags.fill(0)
         if self.exchange is not None:
             self.exchange.forget()
         if self.creep is not None:
@@ -260,33 +259,46 @@ class Engine:
         if self.lag is not None:
             self.lag.restore(good["lag"])
         self.skin.start_again(good["step"])
-        self.rebuild(remember=False)
+        self.rebuild(remember=False, filed=good["contacts"])
         self._solve_on_host(0.0)
         self.drivers.evaluate(0.0)
+        if good["contacts"] is not None:  # which forces at rest have changed
+            self.rebuild(remember=False, filed=good["contacts"])
+        if good["step"] > 0:
+            self.particles.write_load(good["force"], good["torque"])
+        self.control.flags.fill(0)
         self.lost = good["lost"] - self.energy.loss(False)
         raise SimulationStopped(message, row, good)
 
     def _at_present(self, why: str) -> str:
         return f"at t = {self.step * self.time_step:.6g} s {why}."
 
-    def _keep_good_state(self) -> None:
+    def _keep_good_state(self, begins: bool = False) -> None:
+        """``begins``: no contact is known yet."""
         state = self.particles.read()
         self._good: dict[str, Any] = {
             "time": self.step * self.time_step,
             "step": self.step,
-            "position": state["position"],
-            "velocity": state["velocity"],
-            "omega": state["omega"],
+            **state,
             "motion": self.boundaries.read(),
             "lost": self.lost + self.energy.loss(False),
             "creep": None if self.creep is None else self.creep.save(),
             "lag": None if self.lag is None else self.lag.save(),
+            "contacts": None if begins else self._contacts_on_file(),
         }
+
+    def _contacts_on_file(self) -> dict[str, Any] | None:
+        """What contacts remember, which friction, rolling, yielding or adhesion make them do."""
+        if not (self.effects.history or self.effects.adhesion):
+            return None
+        self.neighbors.save(True)
+        return self.contacts.filed()
 
     # -- lists -----------------------------------------------------------------------------------
 
-    def rebuild(self, remember: bool = True) -> None:
-        """Make the contact list anew; what the contacts remember goes along."""
+    def rebuild(self, remember: bool = True, filed: dict[str, Any] | None = None) -> None:
+        """Make the contact list anew; what the contacts remember goes along, or what was
+        ``filed``."""
         began = time.perf_counter()
         if remember:
             self._stop_at_nonsense()
@@ -294,6 +306,8 @@ class Engine:
             self.grid.cell_size[None] = self._set_skin()
         self.lost += self.energy.loss(True)
         self.neighbors.save(remember)
+        if filed is not None:
+            self.contacts.put_on_file(filed)
         if self.expansions is not None:
             self.expansions.review()
         self.grid.sort()

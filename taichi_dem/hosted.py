@@ -5,13 +5,15 @@ for all substrates that the kernel does not know.
 import warnings
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 import halfspace
 from taichi_dem.contact_list import ContactList
 from taichi_dem.control import UNSOLVED
 from taichi_dem.creep import Creep
-from taichi_dem.exchange import Exchange
+from taichi_dem.exchange import CLOSE_POINTS, Exchange
 from taichi_dem.members import Members, MembersOnHost
+from taichi_dem.periodic import wrapped
 from taichi_dem.substrate import Relaxation
 from taichi_dem.types import ti, vec2
 
@@ -83,6 +85,7 @@ class HostedExchange:
         if (np.sqrt(depth.clip(0) * now.radius) > self._widest).any():
             self._give_up(TOO_WIDE_FOR_LAYER)
         self._take(len(depth), depth, effective - now.overlap, found.force, found.slope)
+        self._look_for_close_points(now, effective)
 
     def _give_up(self, why: str) -> None:
         """Have the run stopped."""
@@ -106,6 +109,23 @@ class HostedExchange:
         sunk, slope = plan.displacement(now.force, now.contact_radius)
         depth = now.overlap - sunk - (now.shift**2).sum(axis=1) / (2 * now.radius)
         self._take(len(depth), depth, depth - now.overlap, self._members.law(depth)[0], slope)
+        self._look_for_close_points(now, depth)
+
+    def _look_for_close_points(self, now: Members, effective: np.ndarray) -> None:
+        """Count those that are too close for points, as the kernel does."""
+        widest = float(np.sqrt(now.radius * effective.clip(0)).max(initial=0.0))
+        if self.exchange.finite or self._plan.closest >= CLOSE_POINTS * widest:
+            return
+        place, period = now.place, self.exchange.halfspace.period
+        tree = cKDTree(wrapped(place, period), boxsize=period)
+        apart = tree.query(tree.data, k=2)[0][:, 1]
+        self._watch_neighbours(len(apart), apart**2)
+
+    @ti.kernel
+    def _watch_neighbours(self, n: ti.i32, square: ti.types.ndarray()):
+        ti.loop_config(serialize=True)
+        for k in range(n):
+            self.exchange.watch_neighbours(self.exchange.members[k], square[k])
 
     def _elastic(self, now: Members, opening: np.ndarray) -> halfspace.Equilibrium:
         return halfspace.solve(

@@ -182,6 +182,7 @@ def test_points_too_close_for_that_are_warned_of(sim):
     position[:, 2] = 0.7 * R
     with pytest.warns(UserWarning, match="below 6 radii"):
         restart(creeping(sim), position, dt=1e-7).run(steps=1)
+    assert sim.warnings["close_points"] == N
 
 
 def put(sim, position, velocity):

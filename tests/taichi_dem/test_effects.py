@@ -18,6 +18,10 @@ BUT_ONE = [
     "multi-contact",
     "adhesion",
     "substrate coupling",
+    "finite contact size",
+    "lagged exchange",
+    "layer",
+    "period",
     "moving boundaries",
 ]
 
@@ -61,7 +65,7 @@ def test_what_is_off_has_no_field(plain):
 def test_every_effect_is_listed_with_a_reason(plain):
     told = plain.summary()["effects"]
     assert set(told) == {effect.name for effect in plain.effects.listed}
-    assert set(told) >= set(ALONE) - {"friction", "rolling"}
+    assert set(told) >= set(ALONE) - {"friction", "rolling", "lagged exchange"}
     for effect in told.values():
         assert effect["on"] is False and effect["memory_bytes"] == 0 and effect["reason"]
 
@@ -99,7 +103,11 @@ def test_wall_time_is_shared_out(plain):
         ("multi-contact", {"multi-contact"}),
         ("substrate coupling", {"substrate coupling"}),
         ("moving boundaries", {"moving boundaries"}),
-        ("all but adhesion", set(ALONE) - {"adhesion", "multi-contact"}),
+        ("finite contact size", {"substrate coupling", "finite contact size"}),
+        (
+            "all but adhesion",
+            {"friction", "rolling", "dissipation", "substrate coupling", "moving boundaries"},
+        ),
     ],
 )
 def test_each_effect_can_be_left_out_alone(name, expected):

@@ -156,7 +156,13 @@ def _outside_problems(
 
 
 def _overlap_problems(spheres: Spheres, period: Period | None) -> list[Problem]:
-    i, j, overlap = deep_overlaps(spheres.position, spheres.radius, DEEPEST_OVERLAP, period)
+    i, j, overlap = deep_overlaps(
+        spheres.position,
+        spheres.radius,
+        DEEPEST_OVERLAP,
+        period,
+        lambda *_: spheres.overlapping(period),
+    )
     pair_of = dict(zip(j.tolist(), range(len(j)), strict=True))
     wrong = np.zeros(spheres.count, dtype=bool)
     wrong[j] = True

@@ -380,6 +380,7 @@ def test_periodic_sides_leave_room_and_have_no_walls():
 def test_overlaps_over_periodic_sides_are_seen():
     spheres = Spheres([[0.05, 0.1, 1], [0.93, -0.85, 1]], 0.1, GLASS)
     scene(spheres=spheres)
+    assert spheres.overlapping() is spheres.overlapping()  # for the time step, without a search
     scene(spheres=spheres, period=(1.0, 1.1))
     [line] = message(scene, spheres=spheres, period=(1.0, 1.0))
     assert line.startswith("spheres.position[1] = [0.93, -0.85, 1.0]: overlaps sphere 0 by 0.07 m")

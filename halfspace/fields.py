@@ -20,6 +20,7 @@ from .periodic import Pairs, PeriodicSum, check_reach
 MULTIPOLES = tuple(
     float(np.prod([(m + 0.5) ** 2 / ((m + 2.5) * (m + 1)) for m in range(n)])) for n in range(9)
 )
+NEGLIGIBLE = 1e-12  # of a contact's own depression, what an image adds to its far field
 IMAGES = 2  # cells on each side in which multipoles beyond the second are summed one by one
 
 
@@ -44,7 +45,7 @@ def surface(
         check_reach(2 * float(a.max(initial=0.0)), period)
         waves = _Waves(PeriodicSum(x, 1 / np.pi, period), f, a)
     result = np.empty((len(points), 2) if slopes else len(points))
-    height = max(1, BLOCK // max(len(x), 1 if waves is None else waves.count, 1))
+    height = max(1, BLOCK // (max(len(x), 1) if waves is None else 8 * max(len(x), waves.count)))
     for first in range(0, len(points), height):
         rows = slice(first, first + height)
         d = points[rows, None] - x
@@ -93,63 +94,83 @@ class _Waves:
 
     def __init__(self, sums: PeriodicSum, f: Array, a: Array) -> None:
         self._sums, self._f, self._a = sums, f, a
-        self._amplitude = sums.amplitude(f, f * a * a / 10)
-        self.count = len(self._amplitude)
+        amplitude = sums.amplitude(f, f * a * a / 10)
+        self.count = len(amplitude)
+        # On a lattice of wavenumbers, so that a wave is the product of one along x and one along y.
+        unit = 2 * np.pi / np.asarray(sums.period)
+        number = np.rint(sums.q / unit).astype(int)
+        low = number.min(axis=0)
+        self._q = [unit[k] * np.arange(low[k], number[:, k].max() + 1) for k in (0, 1)]
+        self._amplitude = np.zeros([len(q) for q in self._q], complex)
+        self._amplitude[tuple((number - low).T)] = amplitude
+        self._terms = _terms(float(a.max(initial=0.0)) / (0.5 * min(sums.period)))
         # What is further than the images taken one by one: nearly as a continuum.
         rest = _lattice_rest(sums.period) * MULTIPOLES[2] * (f * a**4).sum()
         self._constant = sums.mean * f.sum() + rest
 
-    def _pairs(self, d: Array) -> tuple[Pairs, Array, Array]:
+    def _pairs(self, d: Array, slopes: bool) -> tuple[Pairs, Array, Array]:
         """Less the smooth part within the cutoff; beyond it, less force and moment: 1/r^2 there."""
         everything = np.broadcast_to(True, d.shape[:2])
-        pairs = Pairs(d, self._sums.cutoff, self._sums.split, everything)
+        pairs = Pairs(d, self._sums.cutoff, self._sums.split, everything, slopes)
         r = np.hypot(d[..., 0], d[..., 1])
         outside = np.where(r < self._sums.cutoff, 0.0, 1 / np.maximum(r, self._sums.cutoff))
         return pairs, 0.1 * self._a**2, outside
 
     def depression(self, points: Array, d: Array) -> Array:
-        pairs, size, inverse = self._pairs(d)
+        pairs, size, inverse = self._pairs(d, slopes=False)
         near = pairs.value - inverse + size * (pairs.laplacian - inverse**3)
-        if self._a.any():
-            for image in _images(self._sums.period):
-                near += _higher(np.hypot(*(d + image).T).T, self._a)
-        waves = np.exp(1j * (points @ self._sums.q.T)) @ self._amplitude
+        if self._terms:
+            sums = np.zeros((self._terms, *near.shape))  # of 1/r^(2n + 1), n = 2, 3, ...
+            for _, inverse in self._images(d):
+                power = inverse * inverse * np.sqrt(inverse)
+                for total in sums[:-1]:
+                    total += power
+                    power *= inverse
+                sums[-1] += power
+            for n, total in enumerate(sums, start=2):
+                near += MULTIPOLES[n] * self._a ** (2 * n) * total
+        across, along = self._phases(points)
+        waves = ((across @ self._amplitude) * along).sum(axis=1)
         result: Array = waves.real + self._constant + near @ self._f
         return result
 
     def slope(self, points: Array, d: Array) -> Array:
-        pairs, size, inverse = self._pairs(d)
+        pairs, size, inverse = self._pairs(d, slopes=True)
         fall = pairs.fall - inverse**3 + size * (pairs.laplacian_fall - 3 * inverse**5)
-        waves = np.exp(1j * (points @ self._sums.q.T)) * self._amplitude
-        result: Array = waves.imag @ self._sums.q
+        across, along = self._phases(points)
+        waves = (across @ self._amplitude) * along
+        sideways = (across @ (self._q[0][:, None] * self._amplitude)) * along
+        result: Array = np.stack([sideways.imag.sum(axis=1), waves.imag @ self._q[1]], axis=1)
+        near = fall[..., None] * d
+        for image, inverse in self._images(d) if self._terms else ():
+            power = inverse**3 * np.sqrt(inverse)
+            steep = np.zeros_like(power)
+            for n in range(2, 2 + self._terms):
+                steep += (2 * n + 1) * MULTIPOLES[n] * self._a ** (2 * n) * power
+                power *= inverse
+            near += steep[..., None] * (d + image)
         for axis in (0, 1):
-            near = fall * d[..., axis]
-            if self._a.any():
-                for image in _images(self._sums.period):
-                    away = d + image
-                    steep = _higher(np.hypot(*away.T).T, self._a, fall=True)
-                    near = near + steep * away[..., axis]
-            result[:, axis] += near @ self._f
+            result[:, axis] += near[..., axis] @ self._f
         return result
 
+    def _phases(self, points: Array) -> tuple[Array, Array]:
+        x, y = (np.exp(1j * points[:, k, None] * self._q[k]) for k in (0, 1))
+        return x, y
 
-def _images(period: tuple[float, float]) -> Iterator[Array]:
-    """Offsets of the other images taken one by one."""
-    span = range(-IMAGES, IMAGES + 1)
-    for i in span:
-        for j in span:
-            if i or j:
-                yield np.array([i * period[0], j * period[1]])
+    def _images(self, d: Array) -> Iterator[tuple[Array, Array]]:
+        """Offsets (2,) of the other images taken one by one, and 1/r^2 to them."""
+        span = np.arange(-IMAGES, IMAGES + 1)
+        x, y = ([(d[..., k] + i * self._sums.period[k]) ** 2 for i in span] for k in (0, 1))
+        for i, j in np.ndindex(len(span), len(span)):
+            if span[i] or span[j]:
+                yield np.array([span[i], span[j]]) * self._sums.period, 1 / (x[i] + y[j])
 
 
-def _higher(r: Array, a: Array, fall: bool = False) -> Array:
-    """Depression by the moments of a Hertz pressure beyond the second, times pi E', per force, or
-    `-1/r d/dr` of it."""
-    ratio = (a / r) ** 2
-    total = np.zeros(r.shape)
-    for n in range(len(MULTIPOLES) - 1, 1, -1):
-        total = total * ratio + MULTIPOLES[n] * (2 * n + 1 if fall else 1)
-    return total * ratio**2 / (r**3 if fall else r)
+def _terms(size: float) -> int:
+    """How many multipoles, from the fourth moment on, count at a distance of 1/``size`` contact
+    radii, against the depression at the centre of a contact."""
+    falling = [c * size ** (2 * n + 1) for n, c in enumerate(MULTIPOLES)]
+    return sum(term > NEGLIGIBLE for term in falling[2:])
 
 
 @lru_cache(maxsize=8)

@@ -215,19 +215,26 @@ class PeriodicSum:
 class Pairs:
     """What pairs at the offsets d (m, n, 2) add to the waves, times pi E'; nothing beyond rc.
 
-    `value` and its Laplacian; `fall`, `laplacian_fall`: `-1/r d/dr` of both. Of pairs that are left
-    out, only the smooth part is taken away.
+    `value` and its Laplacian; with `slopes`, `fall` and `laplacian_fall`: `-1/r d/dr` of both. Of
+    pairs that are left out, only the smooth part is taken away.
     """
 
-    def __init__(self, d: Array, cutoff: float, split: Split, left_out: Array) -> None:
+    def __init__(
+        self, d: Array, cutoff: float, split: Split, left_out: Array, slopes: bool = True
+    ) -> None:
         self.offset = d
         t2 = (d**2).sum(axis=2) / cutoff**2
         inside = t2 < 1
         t2 = np.where(inside, t2, 1.0)
         inverse = 1 / np.sqrt(np.where(left_out, np.inf, t2))
-        smooth, bend, fall, bend_fall = split.derivatives(t2)
+        if slopes:
+            smooth, bend, fall, bend_fall = split.derivatives(t2)
+        else:
+            smooth, bend = split.values(t2)
         self.value = np.where(inside, inverse - smooth, 0.0) / cutoff
         self.laplacian = np.where(inside, inverse**3 - bend, 0.0) / cutoff**3
+        if not slopes:
+            return
         self.fall = np.where(inside, inverse**3 + fall, 0.0) / cutoff**3
         self.laplacian_fall = np.where(inside, 3 * inverse**5 + bend_fall, 0.0) / cutoff**5
 

@@ -141,6 +141,11 @@ class Plan:
         elif self._reach:
             self._close = self._found()
 
+    @property
+    def closest(self) -> float:
+        """The least distance between two contacts, m."""
+        return self._sum.closest
+
     def warn_of_points(self, radius: Array) -> None:
         """Warn, once, if contacts that count as points are too large or too close for that.
 

@@ -77,6 +77,11 @@ class Split:
         first, second, third = (p.deriv(m)(v) for m in (1, 2, 3))
         return p(v), 8 * first + 16 * t2 * second, 4 * first, 64 * (second + t2 * third)
 
+    def values(self, t2: Array) -> tuple[Array, Array]:
+        """Of the smooth part within rc, at `t^2`: value and Laplacian."""
+        v = 2 * t2 - 1
+        return Polynomial(self.polynomial)(v), Polynomial(self.laplacian)(v)
+
     @property
     def missing(self) -> float:
         """`int_0^1 (1 - Phi) dt`: -2 pi rc of it is the smooth part's mean in a periodic cell."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -10,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from taichi_dem.run import FRAMES, ROWS, length, plain_warnings, read
+from taichi_dem.output import Progress
+from taichi_dem.run import FRAMES, ROWS, length, outputs, plain_warnings, read
 from taichi_dem.scene import Scene
 from taichi_dem.scene_file import Run
 from taichi_dem.shapes import Boundary, Piston
@@ -52,11 +54,11 @@ def check(
         steps, simulated = length(plan, sim.dt)
         _say("time step", f"{quantity(sim.dt, 's')}: {sim.dt_reason}")
         _say("length", f"{quantity(simulated, 's')}, {count(steps, 'step')}")
-        _say("output", _output(plan, simulated))
+        _say("output", _output(plan, simulated, sim.dt))
         parts = memory(sim._engine)
         listed = ", ".join(f"{name} {in_bytes(size)}" for name, size in parts.items())
         _say("memory", f"{in_bytes(sum(parts.values()))} of fields: {listed}")
-        _say("run time", run_time(sim, steps, built))
+        _say("run time", run_time(sim, plan, steps, built))
         for text in exchanges(sim):
             _say("exchange", text)
         if cost:
@@ -124,21 +126,27 @@ def effects(sim: Any) -> Iterator[tuple[str, str]]:
     yield "off", ", ".join(off) or "nothing"
 
 
-def run_time(sim: Any, steps: int, built: float) -> str:
+def run_time(sim: Any, plan: Run, steps: int, built: float) -> str:
     """An estimate from a short run, no longer than the one it is for, and what it is worth."""
     warm = min(WARM_UP_STEPS, steps // 2)
     most = min(PILOT_STEPS, steps - warm)
-    sim.run(steps=warm)
-    made, start = 0, time.perf_counter()
-    while made < most and time.perf_counter() - start < PILOT_SECONDS:
-        turn = min(PILOT_STEPS // 20, most - made)
-        sim.run(steps=turn)
-        made += turn
-    rate = made / (time.perf_counter() - start)
-    whole = steps / rate + built
+    with tempfile.TemporaryDirectory() as folder:
+        trial = _TrialOutput(sim, plan, steps, Path(folder))
+        start = time.perf_counter()
+        sim.run(steps=warm)
+        made, warmed = 0, time.perf_counter()
+        while made < most and time.perf_counter() - warmed < PILOT_SECONDS:
+            turn = min(PILOT_STEPS // 20, most - made)
+            sim.run(steps=turn)
+            made += turn
+        rate = made / (time.perf_counter() - warmed)
+        compiling = built + max(0.0, warmed - start - warm / rate)
+        writing, size = trial.cost(sim)
+    whole = steps / rate + compiling + writing
     text = (
-        f"about {clock(float(f'{whole:.2g}'))}: measured over {made} steps at {rate:,.0f} steps/s "
-        f"({sim.summary()['driver']}), without output"
+        f"about {_about(whole)}: measured over {made} steps at {rate:,.0f} steps/s "
+        f"({sim.summary()['driver']}); of it {_about(compiling)} for compiling, "
+        f"{_about(writing)} for output, {in_bytes(size)} of it"
     )
     if sim.coordination() < SETTLED:
         text += f"; up to {SLOWER} times as long once the spheres have settled"
@@ -158,6 +166,37 @@ def exchanges(sim: Any) -> Iterator[str]:
         f"own oscillation at most so far (warned of from {STEEP_PHASE:g}, stopped from "
         f"{LOST_PHASE:g})"
     )
+
+
+class _TrialOutput:
+    """What a run of ``steps`` would write, written once before and once after a pilot."""
+
+    def __init__(self, sim: Any, plan: Run, steps: int, folder: Path):
+        self._folder, self._outputs = folder, []
+        for output in outputs(plan, steps * sim.dt, folder):
+            if output.every and not isinstance(output, Progress):
+                times = min(math.floor(steps * sim.dt / output.every), steps) + 1
+                self._outputs.append((output, times))
+                output.start(sim)
+                output.write(sim)
+
+    def cost(self, sim: Any) -> tuple[float, float]:
+        """Seconds and bytes, in all."""
+        seconds, size = 0.0, 0.0
+        for output, times in self._outputs:
+            before, start = self._size(), time.perf_counter()
+            output.write(sim)
+            seconds += times * (time.perf_counter() - start)
+            size += times * (self._size() - before)
+            output.finish(sim)
+        return seconds, size
+
+    def _size(self) -> int:
+        return sum(path.stat().st_size for path in self._folder.rglob("*") if path.is_file())
+
+
+def _about(seconds: float) -> str:
+    return clock(float(f"{seconds:.2g}"))
 
 
 def costs(sim: Any) -> Iterator[str]:
@@ -191,8 +230,9 @@ def _boundary(boundary: Boundary) -> str:
     return text
 
 
-def _output(plan: Run, simulated: float) -> str:
-    frames, history = plan.frames or simulated / FRAMES, plan.history or simulated / ROWS
+def _output(plan: Run, simulated: float, dt: float) -> str:
+    frames = max(plan.frames or simulated / FRAMES, dt)  # there is one per step at most
+    history = max(plan.history or simulated / ROWS, dt)
     return (
         f"{count(math.floor(simulated / frames) + 1, 'frame')}, one per {quantity(frames, 's')}; "
         f"{count(math.floor(simulated / history) + 1, 'row')} of history, one per "

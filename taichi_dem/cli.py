@@ -187,11 +187,13 @@ def _check_environment() -> None:
 
 
 def _complain_of_input(error: Exception) -> None:
+    from taichi_dem.tables import in_toml
+
     problems = getattr(error, "problems", ())
     found = "1 mistake" if len(problems) == 1 else f"{len(problems)} mistakes"
     _complain(f"{found} in the input")
     for problem in problems:
-        print(f"  {problem}", file=sys.stderr)
+        print(f"  {in_toml(problem)}", file=sys.stderr)
 
 
 def _complain(message: str) -> None:

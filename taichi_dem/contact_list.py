@@ -141,9 +141,32 @@ class ContactList:
             number += self.touching[self.incidence[q] >> 1] != APART
         return number
 
+    def filed(self) -> dict[str, Any]:
+        """What is on file (see ``Neighbors.save``), for :meth:`put_on_file`."""
+        return {name: getattr(self, name).to_numpy() for name in self._on_file()}
+
+    def put_on_file(self, kept: dict[str, Any]) -> None:
+        """That of a list that was as long as this one, or shorter."""
+        for name in self._on_file():
+            field = getattr(self, name)
+            field.from_numpy(_as_long(kept[name], field.shape[0]))
+
+    def _on_file(self) -> list[str]:
+        names = ["old_start", "old_end", "old_partner"]
+        names += ["old_history"] if self.has_history else []
+        return names + (["old_result"] if self.dissipates else [])
+
     def inherit(self, other: "ContactList") -> None:
         """Take over what a smaller list has on file."""
         _copy_file(other, self)
+
+
+def _as_long(array: Any, length: int) -> Any:
+    if isinstance(array, dict):  # of a struct
+        return {name: _as_long(member, length) for name, member in array.items()}
+    longer = np.zeros((length, *array.shape[1:]), array.dtype)
+    longer[: len(array)] = array
+    return longer
 
 
 @ti.kernel

@@ -137,6 +137,7 @@ def _listed(
         reason = f"is summed up: {', '.join(losing)}"
     yield Effect("dissipation", found["losses"], reason)
     yield _substrate_coupling(scene.substrate)
+    yield _finite_size(scene.substrate)
     yield _extrapolated_exchange(scene.substrate)
     yield Effect(
         "multi-contact",
@@ -159,6 +160,11 @@ def _listed(
         else "spheres at rest are computed as all others are: sleep is false",
     )
     yield from _ground(scene)
+    sides = (
+        None if scene.period is None else "{:.3g} m along x, {:.3g} m along y".format(*scene.period)
+    )
+    reason = "nothing repeats itself" if sides is None else f"everything repeats itself, {sides}"
+    yield Effect("period", sides is not None, reason)
 
 
 def _ground(scene: Scene) -> Iterator[Effect]:
@@ -207,3 +213,14 @@ def _extrapolated_exchange(ground: Substrate | None) -> Effect:
         True,
         f"expansions go on as they did, between exchanges {ground.exchange_every} steps apart",
     )
+
+
+def _finite_size(ground: Substrate | None) -> Effect:
+    name = "finite contact size"
+    if ground is None:
+        return Effect(name, False, "no substrate")
+    if ground.exchange == "none":
+        return Effect(name, False, "contacts on the ground do not feel each other")
+    if ground.coupling == "point":
+        return Effect(name, False, 'coupling is "point"')
+    return Effect(name, True, "contacts on the ground press over their radii, on a tilted surface")

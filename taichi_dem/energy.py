@@ -19,10 +19,12 @@ class Energy:
         self.exchange, self.coupled = exchange, exchange is not None
         self.boundaries = boundaries
 
-    def parts(self, gravity: np.ndarray, lost_before: float) -> dict[str, float]:
-        """J, by part; ``lost_before`` is what :meth:`loss` has taken so far."""
+    def parts(self, gravity: np.ndarray, lost_before: float, in_dents: float) -> dict[str, float]:
+        """J, by part; ``lost_before`` is what :meth:`loss` has taken so far, ``in_dents`` what the
+        ground holds where nobody presses."""
         sums = np.zeros(8)
         self._sum(sums, gravity)
+        sums[5] += in_dents
         motion = [self.boundaries.motion[b] for b in range(self.boundaries.count)]
         plates = sum(0.5 * m.speed**2 / m.inverse_mass for m in motion if m.inverse_mass > 0)
         parts = {

@@ -47,7 +47,7 @@ class Engine:
     """Owns the fields of ``scene`` and moves them on by whole steps of ``time_step`` (s).
 
     Raises ``SimulationStopped`` when a guard finds nonsense, after going back to where the spheres
-    and boundaries last were in good order; what the contacts remembered of friction is lost.
+    and boundaries last were in good order, with what the contacts remembered then.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class Engine:
 
     def _start(self) -> None:
         """Contacts and forces of a state that no step has led to."""
-        self._keep_good_state()
+        self._keep_good_state(begins=True)
         self._stop_at_nonsense()
         self.rebuild(remember=False)
         self._solve_on_host(0.0)
@@ -151,7 +151,7 @@ class Engine:
         """Make ``steps`` >= 1 steps of velocity Verlet: half kick, drift, forces, half kick."""
         self._keep_good_state()
         step = self.step + 1
-        last = step + steps - 1
+        last, diverges = step + steps - 1, False
         self.drivers.begin()
         while True:
             self._answer()
@@ -159,20 +159,23 @@ class Engine:
                 self.rebuild()
             until = min(last, self.skin.review)
             if self.lag is not None:
-                self._watch_lag(self.lag, step)
+                diverges = self._found_to_diverge(self.lag, step)
                 until = min(until, self.lag.next)
             if self.sleep is not None:
                 if step >= self.sleep.next:
                     self.lost += self.sleep.look(step, self.forces)
                 until = min(until, self.sleep.next)
             self._solve_on_host(self.time_step)
-            if step == last:
+            if step == last or diverges:
                 break
             step += self._make_steps(until - step)
         self.drivers.evaluate(self.time_step)
         self.drivers.finish()
         self._guard()
         self._stop_at_nonsense()
+        if self.lag is not None and diverges:
+            self._keep_good_state()
+            raise SimulationStopped(self._at_present(self.lag.reason()), None, self._good)
 
     def _make_steps(self, most: int) -> int:
         """As many steps as can be made before the host is needed, at most ``most``."""
@@ -180,7 +183,9 @@ class Engine:
             most = min(most, self._host.steps_to_next(self.step))
         drivers = self.drivers
         ways = {"serial": drivers.serial, "team": drivers.team, "parallel": drivers.loop}
-        return self.pace.advance(most, ways)
+        made = self.pace.advance(most, ways)
+        self._let_dents_be(made - 1)  # the first of the steps has been seen to
+        return made
 
     @property
     def creep(self) -> Creep | None:
@@ -193,22 +198,30 @@ class Engine:
         hosted = self._hosted
         return hosted if hosted is not None and hosted.exchange.hosted else None
 
-    def _watch_lag(self, lag: LaggedWatch, step: int) -> None:
-        """Stop a lagged exchange that is found to diverge."""
+    def _found_to_diverge(self, lag: LaggedWatch, step: int) -> bool:
+        """Whether a lagged exchange is to be stopped at this step, where its state is still sound:
+        so that it depends on no clock where that is."""
         if step < lag.next:
-            return
+            return False
         lag.look(step)
-        if lag.diverges and not self.scene.substrate.force_lagged:  # type: ignore[union-attr]
-            self._stop(lag.reason(), None)
+        return lag.diverges and not self.scene.substrate.force_lagged  # type: ignore[union-attr]
 
     def _solve_on_host(self, time_step: float) -> None:
         if self._host is not None:
             self._host.update(self.contacts, time_step)
+        elif time_step > 0:
+            self._let_dents_be(1)
+
+    def _let_dents_be(self, steps: int) -> None:
+        """They recover, step by step, so that it does not matter how many are made at once."""
+        if self.creep is not None:
+            for _ in range(steps):
+                self.creep.wait(self.time_step)
 
     def _note_stored(self) -> None:
         """What the surface holds; the solve in the kernel says so at every step."""
-        if self._host is not None:
-            self._host.note_energy()
+        if self._host is not None or self.creep is not None:
+            self._hosted.note_energy()  # type: ignore[union-attr]
 
     def _answer(self) -> None:
         """Do what the kernels called the host for."""
@@ -250,12 +263,11 @@ class Engine:
             self._stop(guards.describe_boundary(b, speed, step, smallest), None)
 
     def _stop(self, why: str, row: int | None) -> None:
-        when = self.step * self.time_step
+        message = self._at_present(why)
         good = self._good
         self.particles.write(good["position"], good["velocity"], good["omega"])
         self.boundaries.write(good["motion"])
         self.control.step[None] = good["step"]
-        self.control.flags.fill(0)
         if self.exchange is not None:
             self.exchange.forget()
         if self.creep is not None:
@@ -265,30 +277,46 @@ class Engine:
         if self.sleep is not None:
             self.sleep.wake_all(good["step"])
         self.skin.start_again(good["step"])
-        self.rebuild(remember=False)
+        self.rebuild(remember=False, filed=good["contacts"])
         self._solve_on_host(0.0)
         self.drivers.evaluate(0.0)
+        if good["contacts"] is not None:  # which forces at rest have changed
+            self.rebuild(remember=False, filed=good["contacts"])
+        if good["step"] > 0:
+            self.particles.write_load(good["force"], good["torque"])
+        self.control.flags.fill(0)
         self.lost = good["lost"] - self.energy.loss(False)
-        raise SimulationStopped(f"at t = {when:.6g} s {why}.", row, good)
+        raise SimulationStopped(message, row, good)
 
-    def _keep_good_state(self) -> None:
+    def _at_present(self, why: str) -> str:
+        return f"at t = {self.step * self.time_step:.6g} s {why}."
+
+    def _keep_good_state(self, begins: bool = False) -> None:
+        """``begins``: no contact is known yet."""
         state = self.particles.read()
         self._good: dict[str, Any] = {
             "time": self.step * self.time_step,
             "step": self.step,
-            "position": state["position"],
-            "velocity": state["velocity"],
-            "omega": state["omega"],
+            **state,
             "motion": self.boundaries.read(),
             "lost": self.lost + self.energy.loss(False),
             "creep": None if self.creep is None else self.creep.save(),
             "lag": None if self.lag is None else self.lag.save(),
+            "contacts": None if begins else self._contacts_on_file(),
         }
+
+    def _contacts_on_file(self) -> dict[str, Any] | None:
+        """What contacts remember, which friction, rolling, yielding or adhesion make them do."""
+        if not (self.effects.history or self.effects.adhesion):
+            return None
+        self.neighbors.save(True)
+        return self.contacts.filed()
 
     # -- lists -----------------------------------------------------------------------------------
 
-    def rebuild(self, remember: bool = True) -> None:
-        """Make the contact list anew; what the contacts remember goes along."""
+    def rebuild(self, remember: bool = True, filed: dict[str, Any] | None = None) -> None:
+        """Make the contact list anew; what the contacts remember goes along, or what was
+        ``filed``."""
         began = time.perf_counter()
         if remember:
             self._stop_at_nonsense()
@@ -296,6 +324,8 @@ class Engine:
             self.grid.cell_size[None] = self._set_skin()
         self.lost += self.energy.loss(True)
         self.neighbors.save(remember)
+        if filed is not None:
+            self.contacts.put_on_file(filed)
         if self.expansions is not None:
             self.expansions.review()
         self.grid.sort()
@@ -323,8 +353,6 @@ class Engine:
             self.exchange.enrol(self.contacts)
             if self._host is not None and isinstance(self.expansions, JointExpansions):
                 self._host.give_up(TOO_MANY_TOGETHER)
-            if self.creep is not None and not self.exchange.hosted:
-                self.creep.forget()  # nobody is near the ground
         self.control.flags[STALE] = 0
         self.rebuilds += 1
         self.listing += time.perf_counter() - began
@@ -446,7 +474,8 @@ class Engine:
     def energy_parts(self) -> dict[str, float]:
         """Where the energy is now, J."""
         self._note_stored()
-        return self.energy.parts(np.array(self.scene.gravity), self.lost)
+        in_dents = 0.0 if self._hosted is None else self._hosted.in_dents
+        return self.energy.parts(np.array(self.scene.gravity), self.lost, in_dents)
 
 
 def _destroy(trees: list[Any]) -> None:

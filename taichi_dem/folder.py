@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import zipfile
 from pathlib import Path
 
@@ -27,6 +28,11 @@ def check_free(folder: Path, overwrite: bool) -> None:
     a run that is to be overwritten."""
     if folder.exists() and not folder.is_dir():
         raise _refused(folder, "is a file; must be a folder")
+    there = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
+    if not there.is_dir():
+        raise _refused(folder, f"cannot be made: {there} is a file, not a folder")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise _refused(folder, f"cannot be written: no permission to write in {there}")
     if not folder.exists() or not any(folder.iterdir()) or (holds_run(folder) and overwrite):
         return
     if not holds_run(folder):

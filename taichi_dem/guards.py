@@ -14,7 +14,7 @@ FARTHEST_STEP = 0.25  # of its radius that a sphere may move in one step
 class SimulationStopped(RuntimeError):
     """The run was stopped; what was computed before is kept.
 
-    The simulation goes back to ``last_good``, but its contacts have forgotten their friction.
+    The simulation goes back to ``last_good``, its contacts remembering what they did then.
 
     ``last_good`` holds time, step, position, velocity and omega of the last state that was known
     to be sound; ``particle`` is the sphere that gave the reason, or None.

@@ -3,15 +3,16 @@ for all substrates that the kernel does not know.
 """
 
 import warnings
-from typing import NamedTuple
 
 import numpy as np
 
 import halfspace
 from taichi_dem.contact_list import ContactList
 from taichi_dem.control import UNSOLVED
-from taichi_dem.creep import Creep, Pressed
-from taichi_dem.exchange import IN_KERNEL_CONTACTS, Exchange
+from taichi_dem.creep import Creep
+from taichi_dem.exchange import CLOSE_POINTS, IN_KERNEL_CONTACTS, Exchange
+from taichi_dem.members import Members, MembersOnHost
+from taichi_dem.periodic import wrapped
 from taichi_dem.substrate import Relaxation
 from taichi_dem.types import ti, vec2
 
@@ -35,42 +36,21 @@ TOO_WIDE_FOR_LAYER = (
 )
 
 
-class Members(NamedTuple):
-    """Spheres near the surface: ids; place (n, 2) m; shift (n, 2) m, where they are expected to
-    touch, seen from there; overlap with the undeformed surface, expected displacement of it, m;
-    force of the last step, N; radius, m; contact modulus E*, Pa; (n,) each."""
-
-    ids: np.ndarray
-    place: np.ndarray
-    shift: np.ndarray
-    overlap: np.ndarray
-    expected: np.ndarray
-    force: np.ndarray
-    radius: np.ndarray
-    modulus: np.ndarray
-
-    @property
-    def contact_radius(self) -> np.ndarray:
-        """Hertz's, (n,) m."""
-        return np.cbrt(0.75 * np.maximum(self.force, 0.0) * self.radius / self.modulus)
-
-    @property
-    def pressed(self) -> Pressed:
-        """What the ground's creep has to know of them."""
-        return Pressed(self.ids, self.radius, self.modulus)
-
-
 @ti.data_oriented
 class HostedExchange:
     """Does for ``exchange`` what its in-kernel solve does, by ``halfspace``."""
 
     def __init__(self, exchange: Exchange, relaxation: Relaxation | None):
         self.exchange, self.particles = exchange, exchange.particles
+        self._members = MembersOnHost(exchange)
         self._plan: halfspace.Plan | None = None  # of the sums, kept from step to step
         layer = exchange.halfspace.layer
         self._widest = np.inf if layer is None else MOST_OF_LAYER * layer.thickness
         self.trouble = NO_EQUILIBRIUM  # why the run is to be stopped, if it is
-        self.creep = None if relaxation is None else Creep(exchange.halfspace, relaxation)
+        self.creep: Creep | None = None
+        if relaxation is not None:
+            self.creep = Creep(exchange.halfspace, relaxation, exchange.residual)
+        self.in_dents = 0.0  # J, stored where nobody presses any more
 
     def restart(self) -> None:
         """Begin anew, with sums that know nothing of those before."""
@@ -87,7 +67,7 @@ class HostedExchange:
                 return
         opening = np.empty(self.exchange.count)
         self._settle(len(opening), contacts, opening)
-        now = self._sent()
+        now = self._members.now()
         if self._plan is None:
             self._plan = self.exchange.halfspace.plan(now.place)
         if self.exchange.lagged:
@@ -107,11 +87,12 @@ class HostedExchange:
         depth = effective = found.overlap
         if self.creep is not None:
             spheres = now.pressed
-            effective = self.creep.accept(spheres, now.overlap, found, time_step)
+            effective = self.creep.accept(spheres, found, time_step)
             depth = self.creep.depth(spheres, found.force)
         if (np.sqrt(depth.clip(0) * now.radius) > self._widest).any():
             self.give_up(TOO_WIDE_FOR_LAYER)
         self._take(len(depth), depth, effective - now.overlap, found.force, found.slope)
+        self._look_for_close_points(now, effective)
         if self.exchange.extrapolates:
             self._write_stored()
             self._note_course(len(depth))
@@ -130,10 +111,11 @@ class HostedExchange:
             self._write_stored()
 
     def _write_stored(self) -> None:
-        now, plan = self._sent(), self._plan
-        assert plan is not None
+        now, plan = self._members.now(), self._plan
+        if plan is None:
+            plan = self.exchange.halfspace.plan(now.place)
         if self.creep is not None:
-            stored = self.creep.stored(now.pressed, now.force, plan)
+            stored, self.in_dents = self.creep.stored(now.pressed, now.force, plan)
         else:
             a = now.contact_radius
             stored = now.force * plan.apply(now.force, a) - plan.energy(now.force, a)
@@ -144,14 +126,33 @@ class HostedExchange:
         plan.refresh(now.place + now.shift)
         sunk, slope = plan.displacement(now.force, now.contact_radius)
         depth = now.overlap - sunk - (now.shift**2).sum(axis=1) / (2 * now.radius)
-        self._take(len(depth), depth, depth - now.overlap, self._law(depth)[0], slope)
+        self._take(len(depth), depth, depth - now.overlap, self._members.law(depth)[0], slope)
+        self._look_for_close_points(now, depth)
+
+    def _look_for_close_points(self, now: Members, effective: np.ndarray) -> None:
+        """Count those that are too close for points, as the kernel does."""
+        widest = float(np.sqrt(now.radius * effective.clip(0)).max(initial=0.0))
+        if self.exchange.finite or self._plan.closest >= CLOSE_POINTS * widest:
+            return
+        from scipy.spatial import cKDTree  # slow to import, and seldom needed
+
+        place, period = now.place, self.exchange.halfspace.period
+        tree = cKDTree(wrapped(place, period), boxsize=period)
+        apart = tree.query(tree.data, k=2)[0][:, 1]
+        self._watch_neighbours(len(apart), apart**2)
+
+    @ti.kernel
+    def _watch_neighbours(self, n: ti.i32, square: ti.types.ndarray()):
+        ti.loop_config(serialize=True)
+        for k in range(n):
+            self.exchange.watch_neighbours(self.exchange.members[k], square[k])
 
     def _elastic(self, now: Members, opening: np.ndarray) -> halfspace.Equilibrium:
         return halfspace.solve(
             self.exchange.halfspace,
             now.place,
             now.overlap,
-            self._law,
+            self._members.law,
             residual=self.exchange.residual,
             start=now.overlap - now.expected,
             opening=opening,
@@ -162,74 +163,16 @@ class HostedExchange:
         )
 
     def _creeping(self, creep: Creep, now: Members, time_step: float) -> halfspace.Equilibrium:
-        found = creep.solve(
-            now.pressed,
-            now.place,
-            now.overlap,
-            now.expected,
-            time_step,
-            residual=self.exchange.residual,
-            plan=self._plan,
-        )
         assert self._plan is not None
+        found = creep.solve(now.pressed, now.overlap, now.expected, time_step, self._plan)
         self._plan.warn_of_points(np.sqrt(now.radius * np.maximum(found.overlap, 0.0)))
         return found
-
-    def _sent(self) -> Members:
-        """The members as they are now."""
-        n = self.exchange.count
-        now = Members(np.empty(n, np.int32), np.empty((n, 2)), np.zeros((n, 2)), *np.empty((5, n)))
-        self._send(n, *now)
-        return now
-
-    def _law(self, overlap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        force, tangent = np.empty((2, len(overlap)))
-        self._evaluate_law(len(overlap), np.ascontiguousarray(overlap), force, tangent)
-        return force, tangent
 
     @ti.kernel
     def _settle(self, n: ti.i32, contacts: ti.template(), opening: ti.types.ndarray()):
         ti.loop_config(serialize=self.particles.few)
         for k in range(n):
             opening[k] = self.exchange.settle(k, contacts)
-
-    @ti.kernel
-    def _send(
-        self,
-        n: ti.i32,
-        ids: ti.types.ndarray(),
-        place: ti.types.ndarray(),
-        shift: ti.types.ndarray(),
-        overlap: ti.types.ndarray(),
-        expected: ti.types.ndarray(),
-        force: ti.types.ndarray(),
-        radius: ti.types.ndarray(),
-        modulus: ti.types.ndarray(),
-    ):
-        ti.loop_config(serialize=self.particles.few)
-        for k in range(n):
-            i = self.exchange.members[k]
-            body, ids[k] = self.particles.body[i], self.particles.spin[i].id
-            place[k, 0], place[k, 1] = body.position[0], body.position[1]
-            overlap[k], radius[k] = self.exchange.overlap(i), body.radius
-            expected[k], force[k] = self.exchange.expected(i), self.exchange.ground[i].force
-            modulus[k] = 0.75 * body.radius / self.exchange.size(i)
-            if ti.static(self.exchange.finite):
-                moved = self.exchange.expected_shift(i)
-                shift[k, 0], shift[k, 1] = moved[0], moved[1]
-
-    @ti.kernel
-    def _evaluate_law(
-        self,
-        n: ti.i32,
-        overlap: ti.types.ndarray(),
-        force: ti.types.ndarray(),
-        tangent: ti.types.ndarray(),
-    ):
-        ti.loop_config(serialize=self.particles.few)
-        for k in range(n):
-            answer = self.exchange.law(k, overlap[k])
-            force[k], tangent[k] = answer[0], answer[1]
 
     @ti.kernel
     def _take(

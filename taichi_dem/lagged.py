@@ -10,41 +10,45 @@ from typing import Any
 
 import numpy as np
 
+import halfspace
 from taichi_dem.exchange import Exchange
-from taichi_dem.types import ti
+from taichi_dem.members import MembersOnHost
 
 LOOK_EVERY = 97  # steps; odd, as what diverges alternates
+FIRST_LOOKS, FIRST_EVERY = 8, 3  # at contacts that bear load, soon after one another
+IDLE_EVERY = 24  # while there is nobody to look at
 FAINTEST = 1e-3  # part of a contact in the vector, that it may grow when others have gone
 RISKY, DIVERGENT = 0.5, 1.0  # spectral radii
 
 
-@ti.data_oriented
 class LaggedWatch:
     """Looks at the contacts of a lagged ``exchange``.
 
-    next        the step of the next look
+    next        the step of the next look; it depends on steps and contacts alone
+    looks       how many have found a contact that bears load
     radius      what the last look found
     largest     the largest of all
     risky       how many looks found more than ``RISKY``
     """
 
     def __init__(self, exchange: Exchange):
-        self.exchange, self.particles = exchange, exchange.particles
+        self.exchange, self._members = exchange, MembersOnHost(exchange)
         self.restart()
 
     def restart(self) -> None:
         """As if nothing had been looked at, at step 0."""
-        self.next, self.radius, self.largest, self.risky = LOOK_EVERY, 0.0, 0.0, 0
-        self._vector = np.ones(self.particles.count)  # by sphere
-        self._plan = None
+        self.next, self.looks, self.risky = FIRST_EVERY, 0, 0
+        self.radius, self.largest = 0.0, 0.0
+        self._vector = np.ones(self.exchange.particles.count)  # by sphere
+        self._plan: halfspace.Plan | None = None
 
     def save(self) -> tuple[Any, ...]:
         """What :meth:`restore` takes."""
-        return self.next, self.radius, self.risky, self._vector.copy()
+        return self.next, self.looks, self.radius, self.risky, self._vector.copy()
 
     def restore(self, saved: tuple[Any, ...]) -> None:
         """Go back to what was known then; ``largest``, which may be why, stays."""
-        self.next, self.radius, self.risky, vector = saved
+        self.next, self.looks, self.radius, self.risky, vector = saved
         self._vector = vector.copy()
 
     @property
@@ -54,25 +58,37 @@ class LaggedWatch:
 
     def look(self, step: int) -> None:
         """One product more, for the contacts as they are now, at ``step``."""
-        self.next = step + LOOK_EVERY
-        n = self.exchange.count
-        ids, place = np.empty(n, np.int32), np.empty((n, 2))
-        force, tangent, square = np.empty((3, n))
-        self._send(n, ids, place, force, tangent, square)
-        if self._plan is None:
-            self._plan = self.exchange.halfspace.plan(place)
-        self._plan.refresh(place)
-        influence = self._plan.tangent(force, np.sqrt(square) if self.exchange.finite else None)
-        root, loaded = np.sqrt(tangent), tangent > 0
-        vector = np.where(loaded, self._vector[ids], 0.0)
-        image = root * influence(root * vector)
-        self.radius = _size(image) / _size(vector) if loaded.any() else 0.0
-        if self.radius > 0:
-            image *= np.sqrt(np.count_nonzero(loaded)) / _size(image)
-            image = np.copysign(np.maximum(np.abs(image), FAINTEST), image)
-            self._vector[ids[loaded]] = image[loaded]
+        self.radius = self._multiply() if self.exchange.count else 0.0
+        first = self.looks < FIRST_LOOKS
+        self.next = step + (FIRST_EVERY if first else LOOK_EVERY)
+        if first and not self.exchange.count:
+            self.next = step + IDLE_EVERY
         self.largest = max(self.largest, self.radius)
         self.risky += self.radius > RISKY
+
+    def _multiply(self) -> float:
+        """|A v|/|v|; v becomes A v."""
+        now, plan = self._members.now(), self._plan
+        place, overlap = now.place + now.shift, now.overlap + now.expansion
+        if plan is None:
+            plan = self._plan = self.exchange.halfspace.plan(place)
+        plan.refresh(place)
+        size = now.contact_radius if self.exchange.finite else None
+        influence = plan.tangent(now.force, size)
+        tangent = self._members.law(overlap)[1]
+        loaded = (tangent > 0) & ((overlap > 0) | (now.force != 0))
+        if not loaded.any():
+            return 0.0
+        self.looks += 1
+        root = np.sqrt(np.where(loaded, tangent, 0.0))
+        vector = np.where(loaded, self._vector[now.ids], 0.0)
+        image = root * influence(root * vector)
+        grown = _size(image) / _size(vector)
+        if grown > 0:
+            image *= np.sqrt(np.count_nonzero(loaded)) / _size(image)
+            image = np.copysign(np.maximum(np.abs(image), FAINTEST), image)
+            self._vector[now.ids[loaded]] = image[loaded]
+        return grown
 
     def reason(self) -> str:
         """The words for a run that is stopped."""
@@ -82,31 +98,6 @@ class LaggedWatch:
             'exchange="implicit", which has no such limit, fewer or narrower contacts, or stiffer '
             "ground; force_lagged=True goes on all the same"
         )
-
-    @ti.kernel
-    def _send(
-        self,
-        n: ti.i32,
-        ids: ti.types.ndarray(),
-        place: ti.types.ndarray(),
-        force: ti.types.ndarray(),
-        tangent: ti.types.ndarray(),
-        square: ti.types.ndarray(),
-    ):
-        for k in range(n):
-            i = self.exchange.members[k]
-            body, ground = self.particles.body[i], self.exchange.ground[i]
-            ids[k], force[k] = self.particles.spin[i].id, ground.force
-            place[k, 0], place[k, 1] = body.position[0], body.position[1]
-            square[k] = ti.pow(self.exchange.size(i) * ti.max(ground.force, 0.0), 2.0 / 3.0)
-            if ti.static(self.exchange.finite):
-                shift = self.exchange.expected_shift(i)
-                place[k, 0] += shift[0]
-                place[k, 1] += shift[1]
-            overlap = self.exchange.overlap(i) + ground.expansion
-            tangent[k] = 0.0
-            if overlap > 0.0 or ground.force != 0.0:
-                tangent[k] = self.exchange.law(k, overlap)[1]
 
 
 def _size(vector: np.ndarray) -> float:

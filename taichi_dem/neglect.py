@@ -31,7 +31,8 @@ class Neglected:
 
     size: the median change of the contact forces that it changes, over the median force, in the
     worst of the states; None where it could not be computed, for the ``problem`` that is then said.
-    contacts: how many it changes in all states; entry: what turns it on in a scene file.
+    contacts: how many it changes in all states; entry: what turns it on in a scene file, unless it
+    is ``barred``, for the reason that is then said.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Neglected:
     contacts: int = 0
     states: int = 0
     problem: str = ""
+    barred: str = ""
 
     def matters(self, threshold: float = THRESHOLD) -> bool:
         """Whether it had better be on."""
@@ -49,12 +51,15 @@ class Neglected:
         """For people."""
         if self.size is None:
             return f"{self.name} cannot be estimated: {self.problem}"
+        advice = f"turn it on ({self.entry})"
+        if self.barred:
+            advice = f"but it cannot be turned on, as {self.barred}"
         if self.size == np.inf:
-            return f"{self.name} would make forces where there are none: turn it on ({self.entry})"
+            return f"{self.name} would make forces where there are none: {advice}"
         if self.matters(threshold):
             return (
                 f"{self.name} would change the median contact force by {percent(self.size)}: "
-                f"turn it on ({self.entry})"
+                f"{advice}"
             )
         return f"{self.name}: {percent(self.size)} of the median contact force: rightly off"
 
@@ -62,7 +67,7 @@ class Neglected:
         """For ``summary.json``."""
         found = dataclasses.asdict(self) | {"threshold": threshold, "turn_on": None}
         if self.size is not None:
-            found["turn_on"] = self.matters(threshold)
+            found["turn_on"] = self.matters(threshold) and not self.barred
         return {name: value for name, value in found.items() if name != "name"}
 
 
@@ -104,7 +109,7 @@ def neglected(
         else:
             size, contacts = change(without, with_it)
             found.append(Neglected(candidate.name, candidate.entry, size, contacts, len(moments)))
-    return found
+    return [dataclasses.replace(one, barred=_bar(sim.scene, one.name)) for one in found]
 
 
 def change(without: Sequence[np.ndarray], with_it: Sequence[np.ndarray]) -> tuple[float, int]:
@@ -135,16 +140,26 @@ def percent(share: float) -> str:
 
 def _bare(scene: Scene) -> Scene:
     """The scene without what depends on the past, its contacts on the ground solved together if
-    they feel each other at all."""
+    they feel each other at all; ground that creeps is as stiff as it is at once."""
     law = scene.law
     pairs = {
-        names: {"normal": laws["normal"]} for names, laws in law.pairs.items() if "normal" in laws
+        names: {slot: part for slot, part in laws.items() if slot in ("normal", "surface")}
+        for names, laws in law.pairs.items()
     }
     ground = scene.substrate
-    if ground is not None and ground.exchange == "lagged":
-        ground = dataclasses.replace(ground, exchange="implicit")
+    if ground is not None:
+        together = "implicit" if ground.exchange == "lagged" else ground.exchange
+        ground = dataclasses.replace(ground, exchange=together, relaxation=None)
     bare = Law(law.normal, surface=law.surface, pairs=pairs)
     return dataclasses.replace(scene, law=bare, substrate=ground)
+
+
+def _bar(scene: Scene, name: str) -> str:
+    """Why an effect cannot be turned on in the scene as it is, though it acts."""
+    creeps = scene.substrate is not None and scene.substrate.relaxation is not None
+    if name == "finite contact size" and creeps:
+        return "ground that creeps knows its contacts as points"
+    return ""
 
 
 def _candidates(scene: Scene) -> Iterator[_Candidate]:

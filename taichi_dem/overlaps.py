@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from taichi_dem.periodic import Period, nearest_image, wrapped
 
+Pairs = tuple[np.ndarray, np.ndarray, np.ndarray]
+
 FEW = 500  # spheres: all pairs are looked at sooner than the search for near ones is imported
 
 
-def overlapping(
-    position: np.ndarray, radius: np.ndarray, period: Period | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (i, j), each (p,), of the pairs whose centres are nearer than the sum of their radii.
+def overlapping(position: np.ndarray, radius: np.ndarray, period: Period | None = None) -> Pairs:
+    """Indices (i, j), each (p,), of the pairs whose centres are nearer than the sum of their radii,
+    and by how much (p,), m.
 
     Radii are grouped by octaves, so that a few large spheres cost the small ones nothing.
     """
@@ -22,8 +24,9 @@ def overlapping(
         i, j = np.triu_indices(len(radius), 1)
     else:
         i, j = _near(position, radius, period)
-    close = _distance(position, i, j, period) < radius[i] + radius[j]
-    return i[close], j[close]
+    overlap = _overlap(position, radius, i, j, period)
+    close = overlap > 0
+    return i[close], j[close], overlap[close]
 
 
 def _near(
@@ -47,17 +50,20 @@ def _near(
 
 
 def deep_overlaps(
-    position: np.ndarray, radius: np.ndarray, fraction: float, period: Period | None = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    position: np.ndarray,
+    radius: np.ndarray,
+    fraction: float,
+    period: Period | None = None,
+    all_of_them: Callable[..., Pairs] = overlapping,
+) -> Pairs:
     """Pairs i < j that overlap by more than ``fraction`` of the smaller radius, and by how much.
 
     Cheap searches go first (equal centres, nearest neighbours) and the first to find any ends it: a
-    packing in wrong units may have n^2 overlaps.
+    packing in wrong units may have n^2 overlaps. ``all_of_them`` stands for :func:`overlapping`.
     """
-    searches = (overlapping,) if len(radius) <= FEW else (_coincident, _nearest, overlapping)
+    searches = (all_of_them,) if len(radius) <= FEW else (_coincident, _nearest, all_of_them)
     for search in searches:
-        i, j = search(position, radius, period)
-        overlap = radius[i] + radius[j] - _distance(position, i, j, period)
+        i, j, overlap = search(position, radius, period)
         deep = (i != j) & (overlap > fraction * np.minimum(radius[i], radius[j]))
         if deep.any():
             break
@@ -66,22 +72,20 @@ def deep_overlaps(
     return pairs[:, 0], pairs[:, 1], overlap[deep][first]
 
 
-def _coincident(
-    position: np.ndarray, radius: np.ndarray, period: Period | None
-) -> tuple[np.ndarray, np.ndarray]:
+def _coincident(position: np.ndarray, radius: np.ndarray, period: Period | None) -> Pairs:
     position = wrapped(position, period)
     order = np.lexsort(position.T)
     same = (position[order[1:]] == position[order[:-1]]).all(axis=1)
-    return order[:-1][same], order[1:][same]
+    i, j = order[:-1][same], order[1:][same]
+    return i, j, radius[i] + radius[j]
 
 
-def _nearest(
-    position: np.ndarray, radius: np.ndarray, period: Period | None
-) -> tuple[np.ndarray, np.ndarray]:
+def _nearest(position: np.ndarray, radius: np.ndarray, period: Period | None) -> Pairs:
     everyone, position = np.arange(len(position)), wrapped(position, period)
     tree = _tree(position, period)
     nearest = tree.query(position, k=min(2, len(position)))[1].reshape(len(position), -1)
-    return everyone, np.where(nearest[:, 0] == everyone, nearest[:, -1], nearest[:, 0])
+    other = np.where(nearest[:, 0] == everyone, nearest[:, -1], nearest[:, 0])
+    return everyone, other, _overlap(position, radius, everyone, other, period)
 
 
 def _tree(position: np.ndarray, period: Period | None) -> Any:
@@ -90,8 +94,9 @@ def _tree(position: np.ndarray, period: Period | None) -> Any:
     return cKDTree(position, boxsize=None if period is None else (*period, 0.0))  # 0: endless
 
 
-def _distance(
-    position: np.ndarray, i: np.ndarray, j: np.ndarray, period: Period | None
+def _overlap(
+    position: np.ndarray, radius: np.ndarray, i: np.ndarray, j: np.ndarray, period: Period | None
 ) -> np.ndarray:
     between = nearest_image(position[i] - position[j], period)
-    return np.sqrt(np.einsum("ij,ij->i", between, between))
+    overlap: np.ndarray = radius[i] + radius[j] - np.sqrt(np.einsum("ij,ij->i", between, between))
+    return overlap

@@ -187,7 +187,7 @@ def place(
     low, high = low + margin, high - margin
     x = rng.uniform(low, high)
     for _ in range(REDRAWS):
-        again = np.unique(np.maximum(*overlapping(x, radius, period)))
+        again = np.unique(np.maximum(*overlapping(x, radius, period)[:2]))
         x[again] = rng.uniform(low[again], high[again])
         if not len(again):
             break
@@ -212,7 +212,7 @@ def _push_apart(
     step = np.zeros_like(x)
     for _ in range(PUSHES):
         if (np.square(x - listed).sum(axis=1) > (SKIN * radius) ** 2).any():
-            i, j = overlapping(x, radius * (1 + CLEARANCE + SKIN), period)
+            i, j, _ = overlapping(x, radius * (1 + CLEARANCE + SKIN), period)
             touching = radius[i] + radius[j]
             share = (volume[j] / (volume[i] + volume[j]))[:, None]
             listed = x

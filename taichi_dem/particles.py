@@ -118,6 +118,15 @@ class Particles:
                 self.spin[i].omega[axis] = omega[row, axis]
 
     @ti.kernel
+    def write_load(self, force: ti.types.ndarray(), torque: ti.types.ndarray()):
+        """Forces and torques without gravity, each (n, 3), in the user's order."""
+        for i in range(self.count):
+            row = self.spin[i].id
+            for axis in ti.static(range(3)):
+                self.load[i].force[axis] = force[row, axis]
+                self.load[i].torque[axis] = torque[row, axis]
+
+    @ti.kernel
     def reorder(self, order: ti.template()):
         """Move the particle at ``order[s]`` to place s (load is rewritten at every step)."""
         for s in range(self.count):

@@ -48,7 +48,7 @@ def period_problem(value: Any) -> Problem | None:
     if lengths is not None and lengths.shape == (2,):
         if np.isfinite(lengths).all() and (lengths > 0).all():
             return None
-    return Problem("period", value, "must be (Lx, Ly), two finite lengths > 0 m, or None")
+    return Problem("period", value, "must be two finite lengths > 0 m, [Lx, Ly], or left out")
 
 
 def narrow_problem(period: Period | None, largest: float, reach: float = 0.0) -> Problem | None:

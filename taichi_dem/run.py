@@ -69,13 +69,11 @@ def run(
             sim.run(steps=steps, outputs=written)
         except SimulationStopped as stop:
             _finish(sim, folder, time.perf_counter() - start)
-            last = folder / folders.LAST_GOOD
-            state = {name: stop.last_good[name] for name in ("position", "velocity", "omega")}
-            dataclasses.replace(scene.spheres, **state).to_npz(last)
-            print(f"  last good state at t = {quantity(stop.last_good['time'], 's')}: {last}")
+            _keep_spheres(scene, stop.last_good, folder)
             raise
         except KeyboardInterrupt:
             _finish(sim, folder, time.perf_counter() - start)
+            _keep_spheres(scene, {**vars(sim.particles), "time": sim.time}, folder)
             raise
         _finish(sim, folder, time.perf_counter() - start)
         if left_out is not None:
@@ -84,12 +82,9 @@ def run(
 
 def read(path: Path, overrides: Sequence[str], duration: float | None) -> tuple[Scene, Run]:
     """The scene at ``path`` and how long to run it; ``InputError`` if nothing says so."""
-    scene, plan = scene_file.read(path, overrides)
     if duration is not None:
-        try:
-            plan = dataclasses.replace(plan, duration=duration, steps=None)
-        except InputError as error:
-            raise InputError([p.under("run") for p in error.problems]) from None
+        overrides = [*overrides, f"run.duration={float(duration)!r}"]
+    scene, plan = scene_file.read(path, overrides)
     if plan.duration is None and plan.steps is None:
         rule = "is missing: give it (s) or run.steps in the file, or --duration"
         raise InputError([Problem("run.duration", None, rule)])
@@ -181,6 +176,14 @@ def _estimate(sim: Any, moments: Sequence[Any], folder: Path, threshold: float) 
     amend(folder, neglected={effect.name: effect.summary(threshold) for effect in found})
     for effect in found:
         print(f"  left out    {effect.sentence(threshold)}", flush=True)
+
+
+def _keep_spheres(scene: Scene, last: dict[str, Any], folder: Path) -> None:
+    """Where a run ended early, as spheres that another scene can begin with."""
+    state = {name: last[name] for name in ("position", "velocity", "omega")}
+    dataclasses.replace(scene.spheres, **state).to_npz(folder / folders.LAST_GOOD)
+    at = quantity(last["time"], "s")
+    print(f"  last good state at t = {at}: {folder / folders.LAST_GOOD}", flush=True)
 
 
 def closing(sim: Any, wall: float) -> Iterator[str]:

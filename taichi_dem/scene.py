@@ -56,14 +56,16 @@ class Scene:
         if not any(problems):
             object.__setattr__(self, "boundaries", tuple(self.boundaries))
             problems += self._name_problems()
-            problems += self._period_problems()
+            narrow = self._period_problems()
+            problems += narrow
             for k, boundary in enumerate(self.boundaries):
                 where = f"inside boundaries[{k}]"
                 problems += _outside_problems(self.spheres.position, boundary, where)
             if self.substrate:
                 where = "above the substrate"
                 problems += _outside_problems(self.spheres.position, self.substrate, where)
-            problems += _overlap_problems(self.spheres, self.period)
+            if not any(narrow):  # where spheres may meet their own images
+                problems += _overlap_problems(self.spheres, self.period)
         if found := [problem for problem in problems if problem]:
             raise InputError(found)
 
@@ -115,7 +117,12 @@ class Scene:
         """A surface law and a substrate that gives, where nothing solves them together."""
         surface: Any = getattr(self.law, "surface", None)
         substrate = self.substrate
-        if not isinstance(substrate, Substrate) or getattr(surface, "lagged", True):
+        if surface is None or not isinstance(substrate, Substrate):
+            return []
+        if substrate.exchange_every > 1:
+            rule = "must be 1 with a surface law, whose expansions change at every step"
+            return [Problem("substrate.exchange_every", substrate.exchange_every, rule)]
+        if getattr(surface, "lagged", True):
             return []
         if substrate.exchange == "lagged":
             rule = (
@@ -182,7 +189,13 @@ def _outside_problems(
 
 
 def _overlap_problems(spheres: Spheres, period: Period | None) -> list[Problem]:
-    i, j, overlap = deep_overlaps(spheres.position, spheres.radius, DEEPEST_OVERLAP, period)
+    i, j, overlap = deep_overlaps(
+        spheres.position,
+        spheres.radius,
+        DEEPEST_OVERLAP,
+        period,
+        lambda *_: spheres.overlapping(period),
+    )
     pair_of = dict(zip(j.tolist(), range(len(j)), strict=True))
     wrong = np.zeros(spheres.count, dtype=bool)
     wrong[j] = True

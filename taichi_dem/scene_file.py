@@ -6,6 +6,7 @@ import dataclasses
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -41,8 +42,10 @@ SOURCES = {  # ways to give spheres, and the keys that go with each
     "file": ("file", "material"),
     "lammps_data": ("lammps_data", "materials"),
 }
+SOURCES_SAID = ", ".join(SOURCES)
 GENERATE = ("radius", "region", "count", "volume_fraction", "seed", "periodic")
 READERS = {".csv": Spheres.from_csv, ".npz": Spheres.from_npz}
+INSTEAD = {"run.steps": "duration", "run.duration": "steps"}  # which a replaced entry replaces
 INLINE = 1000  # more spheres than this are kept in a file beside the scene's
 UNKNOWN_MATERIAL = Material("unknown", density=1.0, youngs_modulus=1.0, poissons_ratio=0.0)
 
@@ -72,17 +75,25 @@ class Run:
                 problems.append(Problem("steps", self.steps, "must be a whole number >= 1"))
             if self.duration is not None:
                 problems.append(Problem("steps", self.steps, "give duration or steps, not both"))
+        if _numbers(self.dt, self.duration) and self.dt > self.duration:  # type: ignore[operator]
+            rule = f"must be at most the duration, {self.duration:g} s, of which it is one step"
+            problems.append(Problem("dt", self.dt, rule))
         for name, meaning in _SWITCHES.items():
             if not isinstance(value := getattr(self, name), bool):
                 problems.append(Problem(name, value, f"must be true or false: {meaning}"))
         validate(self, *problems, name="run")
 
 
+def _numbers(*values: Any) -> bool:
+    return all(isinstance(value, Real) and not isinstance(value, bool) for value in values)
+
+
 def read(path: str | Path, overrides: Iterable[str] = (), laws: Any = None) -> tuple[Scene, Run]:
     """The scene in a file and how to run it.
 
     ``overrides`` replace entries: ``law.normal.restitution=0.5``, ``boundaries[1].velocity=-1``;
-    the value is TOML, or else text. Files that the scene names are sought from its folder. In place
+    the value is TOML, or else text; ``run.steps`` takes the place of a ``run.duration`` and the
+    other way round. Files that the scene names are sought from its folder. In place
     of :mod:`taichi_dem.contacts.law`, ``laws`` may offer ``Law`` and ``LAWS``. Raises
     ``InputError`` with every mistake that was found.
     """
@@ -155,9 +166,12 @@ class _Reader(Tables):
         with suppress(tomllib.TOMLDecodeError):
             parsed = tomllib.loads(f"value = {value}")["value"]
         if not equals:
-            self.note("overrides", text, "must be path.to.key=value")
+            rule = "must be KEY=VALUE, like law.normal.restitution=0.5"
+            self.note("--set", text, rule)
         elif problem := override(document, path, parsed):
             self.problems.append(problem)
+        elif path in INSTEAD:
+            document["run"].pop(INSTEAD[path], None)
 
     def material(self, name: Any, path: str) -> Material:
         if isinstance(name, str) and name in self.materials:
@@ -170,13 +184,16 @@ class _Reader(Tables):
         return UNKNOWN_MATERIAL
 
     def spheres(self, value: Any) -> Spheres | None:
+        if value is None:
+            self.note("spheres", None, f"is missing: write [spheres] with one of {SOURCES_SAID}")
+            return None
         table = self.table(value, "spheres")
         if not isinstance(value, Mapping):
             return None
         given = [source for source in SOURCES if source in table]
         if len(given) != 1:
             found = ", ".join(given) or "none"
-            rule = f"must have exactly one of {', '.join(SOURCES)}; has {found}"
+            rule = f"must have exactly one of {SOURCES_SAID}; has {found}"
             self.note("spheres", None, rule)
             return None
         entries = self.table(table, "spheres", SOURCES[given[0]])
@@ -225,6 +242,10 @@ class _Reader(Tables):
 
     def law(self, value: Any) -> Any:
         slots = self.laws.LAWS
+        if value is None:
+            example = 'normal = { type = "Hertz", restitution = 0.5 }'
+            self.note("law", None, f"is missing: write [law], and in it, say, {example}")
+            return None
         before = len(self.problems)
         table = self.table(value, "law", (*slots, "pairs"))
         if not isinstance(value, Mapping):
@@ -238,6 +259,7 @@ class _Reader(Tables):
             if slot in table
         }
         pairs: dict[tuple[Any, ...], dict[str, Any]] = {}
+        rows: dict[str, str] = {}
         for k, row in enumerate(self.rows(table.get("pairs"), "law.pairs")):
             path = f"law.pairs[{k}]"
             changes = self.table(row, path, ("materials", *slots))
@@ -251,13 +273,18 @@ class _Reader(Tables):
                 self.material(name, f"{path}.materials")
             if tuple(names) in pairs or tuple(reversed(names)) in pairs:
                 self.note(f"{path}.materials", names, "this pair was given before")
+            rows[f"pairs[{tuple(names)!r}]"] = f"pairs[{k}]"
             pairs[tuple(names)] = {
                 slot: self.changed(parts.get(slot), table, f"{path}.{slot}")
                 for slot, table in changes.items()
             }
         if len(self.problems) > before:
             return None
-        return self.attempt("law", self.laws.Law, **parts, pairs=pairs)
+        made = self.attempt("law", self.laws.Law, **parts, pairs=pairs)
+        for k, problem in enumerate(self.problems[before:], start=before):
+            for name, row in rows.items():  # which is how the file has it
+                self.problems[k] = problem._replace(path=problem.path.replace(name, row))
+        return made
 
     def changed(self, general: Any, value: Any, path: str) -> Any:
         """The law for all pairs with some of its numbers replaced."""

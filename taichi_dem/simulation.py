@@ -14,7 +14,6 @@ import numpy as np
 from halfspace import backend
 from taichi_dem.contact_list import FIRST_FACE, SUBSTRATE
 from taichi_dem.contacts.elasticity import effective_youngs_modulus
-from taichi_dem.creep import Pressed
 from taichi_dem.effects import Effects, effects_of
 from taichi_dem.engine import Engine
 from taichi_dem.exchange import ground_of
@@ -23,6 +22,7 @@ from taichi_dem.guards import FARTHEST_STEP, SimulationStopped
 from taichi_dem.memory import by_effect
 from taichi_dem.pace import WAYS
 from taichi_dem.periodic import narrow_problem
+from taichi_dem.pressed import Pressed
 from taichi_dem.scene import Scene, Spheres
 from taichi_dem.schedule import Schedule, interruptible
 from taichi_dem.time_step import StableStep, stable_time_step
@@ -398,8 +398,9 @@ class Simulation:
         if self._engine.exchange is not None:
             force, expansion, slope = (values[rows] for values in self._engine.exchange.read())
         load, overlap, creep = force, records["overlap"], self._engine.creep
+        dents = np.empty((0, 2)), np.empty(0), np.empty(0)
         if creep is not None:
-            load = creep.load(rows, force)
+            load, dents = creep.load(rows, force), creep.dents(rows)
             overlap = creep.depth(self._pressed(rows), force)
         return SubstrateState(
             particle=rows,
@@ -409,6 +410,9 @@ class Simulation:
             slope=slope,
             contact_radius=self._contact_radius(rows, overlap),
             load=load,
+            dent_position=dents[0],
+            dent_load=dents[1],
+            dent_radius=dents[2],
             ground=self._ground,
         )
 
@@ -418,7 +422,8 @@ class Simulation:
         assert ground is not None
         moduli = [effective_youngs_modulus(kind, ground.material) for kind in spheres.materials]
         which = spheres.material_index[rows]
-        return Pressed(rows, spheres.radius[rows], np.array(moduli)[which])
+        place = self.particles.position[rows, :2]
+        return Pressed(rows, place, spheres.radius[rows], np.array(moduli)[which])
 
     def _contact_radius(self, rows: np.ndarray, overlap: np.ndarray) -> np.ndarray:
         """Of contacts of the spheres ``rows`` with the substrate, m."""

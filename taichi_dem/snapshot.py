@@ -146,13 +146,16 @@ def _substrate(sim: Any, points: int, cover: np.ndarray | None) -> dict[str, np.
     period = sim.scene.period
     position = wrapped(np.array(substrate.position, dtype=float).reshape(-1, 2), period)
     contact_radius = np.array(substrate.contact_radius, dtype=float)
-    touching = np.asarray(substrate.particle, dtype=int)
+    left = wrapped(np.array(substrate.dent_position, dtype=float), period)
+    dents = np.concatenate([position, left])
     if period is None:
-        x, y = _around(sim.particles, position, touching, points, cover)
+        reach = sim.particles.radius[np.asarray(substrate.particle, dtype=int)]
+        reach = np.append(reach, np.full(len(left), np.max(sim.particles.radius, initial=0.0)))
+        x, y = _around(sim.particles, dents, reach, points, cover)
     else:
         x, y = _grid(np.zeros(2), np.array(period), points)
     depression = np.zeros((len(y), len(x)))
-    if len(position) and depression.size:
+    if len(dents) and depression.size:
         nodes = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         depression = np.asarray(substrate.field(nodes), dtype=float).reshape(depression.shape)
     return {
@@ -166,11 +169,12 @@ def _substrate(sim: Any, points: int, cover: np.ndarray | None) -> dict[str, np.
 
 
 def _around(
-    particles: Any, dents: np.ndarray, touching: np.ndarray, points: int, cover: np.ndarray | None
+    particles: Any, dents: np.ndarray, reach: np.ndarray, points: int, cover: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates of a grid of square cells around the dents, or below the spheres if none."""
-    radius = np.asarray(particles.radius)
-    inside, reach = (dents, radius[touching]) if len(dents) else (particles.position[:, :2], radius)
+    inside = dents
+    if not len(dents):
+        inside, reach = particles.position[:, :2], np.asarray(particles.radius)
     finite = np.isfinite(inside).all(axis=1)
     inside, reach = inside[finite], reach[finite]
     if not len(inside):

@@ -27,6 +27,10 @@ CSV_VECTORS = {
 }
 CSV_COLUMNS = (*(c for columns in CSV_VECTORS.values() for c in columns), "radius", "material")
 NPZ_ARRAYS = ("position", "radius", "velocity", "omega", "material")
+NPZ_RULE = (
+    "must be an .npz archive, as numpy.savez makes it, of the arrays position (n, 3) and "
+    "radius (n,) and, if you like, velocity (n, 3), omega (n, 3) and material (n,), names"
+)
 
 
 def read_lammps_data(
@@ -103,14 +107,16 @@ def read_npz(path: Path, material: Material | Sequence[Material] | None) -> Colu
     try:
         with np.load(path, allow_pickle=False) as data:
             found: Columns = {name: data[name] for name in data.files}
-    except (OSError, ValueError, zipfile.BadZipFile, AttributeError) as error:
-        raise _refused(path, None, f"cannot be read as .npz: {error}", "file") from None
+    except (ValueError, zipfile.BadZipFile, AttributeError):
+        raise _refused(path, None, NPZ_RULE, "file") from None
+    except OSError as error:
+        raise _refused(path, None, f"cannot be read: {error}", "file") from None
     for name in found:
         if name not in NPZ_ARRAYS:
             raise InputError([unknown("file", path, name, NPZ_ARRAYS, f"array '{name}'")])
     for name in ("position", "radius"):
         if name not in found:
-            raise _refused(path, None, f"array '{name}' is missing", "file")
+            raise _refused(path, None, f"array '{name}' is missing; {NPZ_RULE}", "file")
     names = found["material"].tolist() if "material" in found else None
     found["material"] = _by_name(path, material, names)
     return found
@@ -227,5 +233,8 @@ def _by_name(
     for row, name in enumerate(names):
         if name not in number:
             problem = unknown("material", name, name, number, f"material in {path}, sphere {row}")
+            if isinstance(material, Material):
+                rule = f"{problem.rule}; leave spheres.material out where the file names materials"
+                problem = problem._replace(rule=rule)
             raise InputError([problem])
     return given, np.array([number[name] for name in names])

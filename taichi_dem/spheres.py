@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 
 from taichi_dem import packing, sphere_files
 from taichi_dem.material import Material, distinct
+from taichi_dem.overlaps import Pairs, overlapping
+from taichi_dem.periodic import Period
 from taichi_dem.validation import InputError, Problem, Range, as_numbers, first_few
 
 _POSITION = Range("m", "centre")
@@ -101,6 +103,13 @@ class Spheres:
     def count(self) -> int:
         """n, the number of spheres."""
         return len(self.radius)
+
+    def overlapping(self, period: Period | None = None) -> Pairs:
+        """As :func:`taichi_dem.overlaps.overlapping`; sought once for all who ask."""
+        found: dict[Any, Pairs] = self.__dict__.setdefault("_overlapping", {})
+        if period not in found:
+            found[period] = overlapping(self.position, self.radius, period)
+        return found[period]
 
     @property
     def mass(self) -> np.ndarray:

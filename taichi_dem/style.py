@@ -26,6 +26,7 @@ View = tuple[np.ndarray, np.ndarray]  # lower and upper corner, (2,) m
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 STEPS = [1, 2, 5, 10]  # between ticks
 _DOTS_PER_INCH = 200
+RAISED = 1e-3  # of the deepest, from which ground that has risen is shown
 _FEW = 40  # points of a line that are marked
 
 
@@ -126,8 +127,23 @@ def pale_blues() -> Any:
     return ListedColormap(colormaps["Blues"](np.linspace(0.0, 0.72, 256)))
 
 
+def depths(values: np.ndarray) -> tuple[Any, Any]:
+    """Colours and their range for a depression (any shape), also where there is none: blue from
+    zero down; green from zero up, to its own scale, where more than a thousandth is raised."""
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap, Normalize, TwoSlopeNorm
+
+    lowest, raised = top(values), top(-values) if np.any(values < 0) else 0.0
+    if raised <= RAISED * lowest:
+        return pale_blues(), Normalize(0.0, lowest)
+    down = colormaps["Blues"](np.linspace(0.0, 0.72, 256))
+    up = colormaps["Greens"](np.linspace(0.55, 0.0, 256))
+    return ListedColormap(np.concatenate([up, down])), TwoSlopeNorm(0.0, -raised, lowest)
+
+
 def color_bar(axes: Axes, mappable: Any, label: str, place: int = 0) -> None:
     """A colour bar as high as the axes, at their right; ``place`` counts the bars before it."""
+    from matplotlib.colors import TwoSlopeNorm
     from matplotlib.ticker import MaxNLocator
 
     drawing = cast("Figure", axes.figure)
@@ -139,7 +155,13 @@ def color_bar(axes: Axes, mappable: Any, label: str, place: int = 0) -> None:
     )
     ticks = int(np.clip(box.height * height / 0.4, 2, 8))
     bar.locator = MaxNLocator(ticks, steps=STEPS)
-    bar.update_ticks()
+    if isinstance(norm := mappable.norm, TwoSlopeNorm):  # two scales, each with its ticks
+        each = MaxNLocator(max(ticks // 2, 1), steps=STEPS)
+        low, high = float(cast(float, norm.vmin)), float(cast(float, norm.vmax))
+        marks = np.union1d(each.tick_values(low, 0.0), each.tick_values(0.0, high))
+        bar.set_ticks(marks[(marks >= low) & (marks <= high)].tolist())
+    else:
+        bar.update_ticks()
     dress(bar.ax)
 
 

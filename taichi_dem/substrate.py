@@ -66,7 +66,7 @@ class Substrate:
         validate(
             self,
             material_problem(self.material),
-            _choice_problem("coupling", self.coupling, COUPLINGS),
+            self._coupling_problem(),
             _choice_problem("exchange", self.exchange, EXCHANGES),
             _kind_problem("layer", self.layer, Layer),
             self._plane_problem("layer"),
@@ -87,11 +87,21 @@ class Substrate:
         """The undeformed surface, as a boundary gives its faces."""
         return [(np.zeros(3), np.array([0.0, 0.0, 1.0]))]
 
+    def _coupling_problem(self) -> Problem | None:
+        """The knob for no coupling at all is the other one."""
+        if self.coupling != "none":
+            return _choice_problem("coupling", self.coupling, COUPLINGS)
+        rule = (
+            f"must be one of {', '.join(COUPLINGS)}; for contacts that do not feel each other, "
+            'exchange = "none"'
+        )
+        return Problem("coupling", self.coupling, rule)
+
     def _plane_problem(self, name: str) -> Problem | None:
         """A plane has no depth."""
         if self.exchange != "none" or getattr(self, name) is None:
             return None
-        return Problem(name, None, "must be left out with exchange = 'none', a plane")
+        return Problem(name, None, 'must be left out with exchange = "none", a plane')
 
     def _every_problem(self) -> Problem | None:
         """Only what is solved for can be solved for less often."""

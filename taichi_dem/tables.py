@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from taichi_dem.toml_text import inline
 from taichi_dem.validation import InputError, Problem, number_problem, unknown
 
 
@@ -34,7 +35,7 @@ class Tables:
     def table(self, value: Any, path: str, keys: Iterable[str] | None = None) -> dict[str, Any]:
         """``value`` as a table, without the keys that are not among the known ``keys``."""
         if not isinstance(value, Mapping):
-            self.note(path, value, "is missing: must be a table" if value is None else _TABLE)
+            self.note(path, value, f"is missing: write [{path}]" if value is None else _TABLE)
             return {}
         known = list(value if keys is None else keys)
         at = f"{path}." if path else ""
@@ -100,6 +101,17 @@ def override(document: dict[str, Any], path: str, value: Any) -> Problem | None:
     except (IndexError, ValueError, TypeError, AttributeError):
         return Problem(path, value, "there is no such place in the file")
     return None
+
+
+def in_toml(problem: Problem) -> str:
+    """A problem in the words of a scene file, as ``str(problem)`` is in Python's."""
+    value = problem.value
+    if value is None or isinstance(value, str):
+        return str(problem)
+    shown = inline(plain(value))
+    if dataclasses.is_dataclass(value):
+        shown = inline({"type": type(value).__name__, **plain(value)})
+    return f"{problem.path} = {shown}: {problem.rule}"
 
 
 def plain(value: Any) -> Any:

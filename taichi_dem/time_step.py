@@ -21,8 +21,6 @@ from typing import Any
 import numpy as np
 
 from taichi_dem.material import Material
-from taichi_dem.overlaps import overlapping
-from taichi_dem.periodic import nearest_image
 from taichi_dem.scene import Scene
 
 STEPS_PER_CONTACT = 20
@@ -136,9 +134,8 @@ def _fall_height(scene: Scene) -> float:
 def _deepest_at_start(scene: Scene) -> float:
     """The largest overlap of the scene as it stands, over the effective radius."""
     position, radius = scene.spheres.position, scene.spheres.radius
-    i, j = overlapping(position, radius, scene.period)
-    apart = np.linalg.norm(nearest_image(position[i] - position[j], scene.period), axis=1)
-    deepest = ((radius[i] + radius[j] - apart) * (1 / radius[i] + 1 / radius[j])).max(initial=0.0)
+    i, j, overlap = scene.spheres.overlapping(scene.period)
+    deepest = (overlap * (1 / radius[i] + 1 / radius[j])).max(initial=0.0)
     for point, normal in _faces(scene):
         deepest = max(deepest, (1 - (position - point) @ normal / radius).max())
     return float(deepest)

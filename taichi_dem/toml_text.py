@@ -13,6 +13,16 @@ def toml_text(document: Mapping[str, Any]) -> str:
     return "\n".join(_table(document, "")).lstrip("\n") + "\n"
 
 
+def inline(value: Any) -> str:
+    """A value on one line."""
+    if isinstance(value, Mapping):
+        entries = ", ".join(f"{_key(str(key))} = {inline(entry)}" for key, entry in value.items())
+        return f"{{ {entries} }}"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(inline, value))}]"
+    return _value(value)
+
+
 def _table(table: Mapping[str, Any], path: str) -> Iterator[str]:
     present = {_key(key): value for key, value in table.items() if value is not None}
     inner = {key: value for key, value in present.items() if _is_table(value)}

@@ -50,7 +50,8 @@ class SubstrateState:
     by the forces on the others; slope (m, 2), its gradient
     (the lateral force on the sphere is -force * slope); contact_radius (m,) m; load (m,) N, the
     forces under which an elastic ground would have these dents: ``force``, and on ground that
-    creeps what it remembers besides.
+    creeps what it remembers besides; dent_position (k, 2) m, dent_load (k,) N and dent_radius (k,)
+    m, the same of dents in which nothing presses any more.
     """
 
     particle: np.ndarray
@@ -60,14 +61,20 @@ class SubstrateState:
     slope: np.ndarray
     contact_radius: np.ndarray
     load: np.ndarray
+    dent_position: np.ndarray
+    dent_load: np.ndarray
+    dent_radius: np.ndarray
     ground: Any
 
     def field(self, points: np.ndarray) -> np.ndarray:
-        """Depression (k,) in m of the surface at ``points`` (k, 2), each ``load`` spread as Hertz
-        pressure over its contact."""
-        if not len(self.force):
+        """Depression (p,) in m of the surface at ``points`` (p, 2), each ``load`` spread as Hertz
+        pressure over its contact or dent."""
+        place = np.concatenate([self.position, self.dent_position])
+        if not len(place):
             return np.zeros(len(points))
-        return self.ground.field(self.position, self.load, points, radius=self.contact_radius)
+        load = np.append(self.load, self.dent_load)
+        radius = np.append(self.contact_radius, self.dent_radius)
+        return self.ground.field(place, load, points, radius=radius)
 
 
 @ti.kernel

@@ -84,8 +84,11 @@ class Law:
             if isinstance(self.normal, JKR) and work is not None:
                 yield Problem(path, work, "must be left out: the normal law, JKR, has it")
             elif not isinstance(self.normal, JKR) and work is None:
-                kind = type(self.normal).__name__
-                yield Problem(path, None, f"must be given: only JKR has it, {kind} has not")
+                rule = (
+                    "is missing; must be >= 0 J/m2, as the normal law, "
+                    f"{type(self.normal).__name__}, has none (of JKR it would be taken)"
+                )
+                yield Problem(path, None, rule)
 
     def _pair_problems(self, names: Any, laws: Any) -> Iterable[Problem]:
         path = f"pairs[{names!r}]"

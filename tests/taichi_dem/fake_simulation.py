@@ -107,6 +107,7 @@ class FakeSimulation:
             expansion=np.zeros(len(force)),
             slope=np.zeros((len(force), 2)),
             contact_radius=contact_radius,
+            dent_position=np.empty((0, 2)),
             field=lambda points: hertz_dents(points, centers, force, contact_radius),
         )
 

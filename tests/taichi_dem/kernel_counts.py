@@ -24,10 +24,15 @@ FLAGS = {  # what the parts of the code that belong to an effect are compiled by
     "multi-contact": {"spreads", "solves", "lags"},
     "dissipation": {"dissipates", "plastic"},
     "substrate coupling": {"coupled", "has_exchange"},
+    "finite contact size": {"finite"},
     "extrapolated exchange": {"extrapolates"},
     "sleep": {"sleeps"},
+    "lagged exchange": {"lagged"},
+    "layer": {"layered"},
+    "period": {"period"},
     "moving boundaries": {"moves", "any_moves"},
 }
+OF_POINTS = ("adhesion", "finite contact size", "lagged exchange", "layer", "period")
 SERIAL = {"HALFSPACE_THREADS": "1", "HALFSPACE_BACKEND": "taichi"}
 DUMPING = {"TI_PRINT_KERNEL_LLVM_IR_OPTIMIZED": "1", "TI_OFFLINE_CACHE": "0"}
 
@@ -40,11 +45,22 @@ class _Without(ast.NodeTransformer):
 
     def visit_If(self, node):
         self.generic_visit(node)
-        test = ast.unparse(node.test)
-        if not test.startswith("ti.static(") or test[:-1].rpartition(".")[2] not in self.flags:
+        if not self.flagged(node.test):
             return node
         self.taken += 1
-        return node.orelse
+        return node.body if "static(not " in ast.unparse(node.test) else node.orelse
+
+    def visit_For(self, node):
+        self.generic_visit(node)
+        if not self.flagged(node.iter):
+            return node
+        self.taken += 1
+        return []
+
+    def flagged(self, node):
+        """Whether the compiler decides it by one of the flags: ``ti.static(self.finite)``."""
+        text = ast.unparse(node)
+        return text.startswith("ti.static(") and re.findall(r"\w+", text)[-1] in self.flags
 
     def visit(self, node):
         node = super().visit(node)
@@ -116,6 +132,11 @@ def scenes():
     }
     moved = {"boundaries": [floor, presses]}
 
+    on_points = scene(
+        dem.Law(damped, dem.Mindlin(0.3), rolls), boundaries=[presses], substrate=soft["substrate"]
+    )
+    on_layer = dem.Substrate(glass, coupling="point", layer=dem.Layer(0.1))
+
     def but(slot):
         return scene(dem.Law(**{name: law for name, law in all_of_them.items() if name != slot}))
 
@@ -133,6 +154,16 @@ def scenes():
             substrate=dataclasses.replace(soft["substrate"], exchange_every=4),
         ),
         "sleep": scene(dem.Law(elastic), sleep=True),
+        "finite contact size": scene(
+            dem.Law(elastic), boundaries=[], substrate=dem.Substrate(glass)
+        ),
+        "lagged exchange": scene(
+            dem.Law(elastic),
+            boundaries=[],
+            substrate=dem.Substrate(glass, coupling="point", exchange="lagged"),
+        ),
+        "layer": scene(dem.Law(elastic), boundaries=[], substrate=on_layer),
+        "period": scene(dem.Law(elastic), period=(8e-3, 9e-3)),
         "moving boundaries": scene(dem.Law(elastic), **moved),
         "all but friction": but("tangential"),
         "all but rolling": but("rolling"),
@@ -152,6 +183,7 @@ def scenes():
             boundaries=[presses],
             substrate=soft["substrate"],
         ),
+        **dict.fromkeys([f"all but {effect}" for effect in OF_POINTS], on_points),
         "all but moving boundaries": scene(dem.Law(**all_of_them)),
     }
 

@@ -207,8 +207,10 @@ def test_every_mistake_is_named_and_nothing_is_written(scene, tmp_path):
     ("arguments", "said"),
     [
         (["--duration", "-1"], "run.duration = -1.0: must be > 0 s"),
-        (["--set", "gravity"], "overrides = gravity: must be path.to.key=value"),
-        (["--set", "run.steps=10"], "run.steps = 10: give duration or steps, not both"),
+        (["--set", "gravity"], "--set = gravity: must be KEY=VALUE"),
+        (["--set", "run.dt=1"], "run.dt = 1: must be at most the duration, "),
+        (["--set", "spheres.velocity=[true]"], "spheres.velocity: must be numbers of shape"),
+        (["--set", "law.normal=[true]"], "law.normal = [true]: must be a table"),
         (["--set", "run.dt=-1e-6"], "run.dt = -1e-06: must be > 0 s"),
     ],
 )
@@ -217,6 +219,37 @@ def test_mistakes_on_the_command_line(arguments, said, scene, tmp_path, capsys):
     assert cli.main(["run", str(scene), "-o", str(target), *arguments]) == cli.WRONG_INPUT
     assert said in capsys.readouterr().err
     assert not target.exists()
+
+
+@pytest.mark.parametrize("under", ["scene.toml", "scene.toml/deeper"])
+def test_a_folder_that_cannot_be_made_is_noticed_first(under, scene, capsys):
+    assert cli.main(["run", str(scene), "-o", str(scene.parent / under / "x")]) == cli.WRONG_INPUT
+    said = capsys.readouterr()
+    assert "is a file, not a folder" in said.err and "compiling" not in said.out
+
+
+def test_mistakes_are_told_in_the_words_of_the_file(scene, capsys):
+    scene.write_text(SCENE.replace("[law]", "[law]\nsurface = {type = 'MultiContact'}"))
+    pair = 'law.pairs=[{materials=["glass", "gel"], rolling={work_of_adhesion=1}}]'
+    for settings, said in (
+        (["law.normal={type='JKR', work_of_adhesion=1, restitution=1}"], "law.surface = { type = "),
+        (
+            ["law.rolling={type='CDTJKR', adhesion_hysteresis=1}"],
+            "law.rolling.work_of_adhesion: is",
+        ),
+        (
+            [
+                "law.rolling={type='CDTJKR', adhesion_hysteresis=1, work_of_adhesion=1}",
+                "law.normal={type='JKR', work_of_adhesion=1, restitution=1}",
+                pair,
+            ],
+            "law.pairs[0].rolling.work_of_adhesion = ",
+        ),
+    ):
+        arguments = [word for text in settings for word in ("--set", text)]
+        assert cli.main(["check", str(scene), *arguments]) == cli.WRONG_INPUT
+        told = capsys.readouterr().err
+        assert said in told and "None" not in told and "(" not in told.split(said)[1][:10], told
 
 
 def test_a_scene_must_say_how_long(scene, capsys):
@@ -260,6 +293,9 @@ def test_ctrl_c_leaves_everything_on_disk(scene, tmp_path):
     assert outcome(target) == "interrupted"
     rows, state = read_history(target), Snapshot.load(target)
     assert len(rows["step"]) > 4 and rows["step"][-1] == state.step
+    glass = dem.Material("glass", density=2500, youngs_modulus=5e6, poissons_ratio=0.22)
+    last = dem.Spheres.from_npz(target / "last_good.npz", glass)
+    assert np.array_equal(last.position, state.position)
     assert all((target / f).exists() for files in read_index(target).values() for f in files)
     assert {path.name for path in target.glob("*.png")} == PICTURES
 
@@ -303,6 +339,8 @@ def test_check_says_what_is_computed_and_writes_nothing(scene, tmp_path, capsys)
         "1/20 of the half period",
         "1 ms, ",
         "measured over",
+        "for compiling",
+        "for output",
     ):
         assert text in said, text
 
@@ -320,7 +358,7 @@ def test_check_lists_what_a_scene_leaves_out(scene, capsys):
 
 
 def test_check_finds_a_run_that_would_be_stopped(scene, capsys):
-    assert cli.main(["check", str(scene), "--set", "run.dt=0.02"]) == cli.STOPPED
+    assert cli.main(["check", str(scene), "--set", "run.dt=0.02", "--duration", "1"]) == cli.STOPPED
     said = capsys.readouterr().err
     assert "beyond the stable step" in said and "the run would be stopped: at t =" in said
 

@@ -19,6 +19,10 @@ BUT_ONE = [
     "adhesion",
     "substrate coupling",
     "extrapolated exchange",
+    "finite contact size",
+    "lagged exchange",
+    "layer",
+    "period",
     "moving boundaries",
 ]
 
@@ -62,7 +66,7 @@ def test_what_is_off_has_no_field(plain):
 def test_every_effect_is_listed_with_a_reason(plain):
     told = plain.summary()["effects"]
     assert set(told) == {effect.name for effect in plain.effects.listed}
-    assert set(told) >= set(ALONE) - {"friction", "rolling"}
+    assert set(told) >= set(ALONE) - {"friction", "rolling", "lagged exchange"}
     for effect in told.values():
         assert effect["on"] is False and effect["memory_bytes"] == 0 and effect["reason"]
 
@@ -100,11 +104,12 @@ def test_wall_time_is_shared_out(plain):
         ("multi-contact", {"multi-contact"}),
         ("substrate coupling", {"substrate coupling"}),
         ("moving boundaries", {"moving boundaries"}),
+        ("finite contact size", {"substrate coupling", "finite contact size"}),
         ("extrapolated exchange", {"substrate coupling", "extrapolated exchange"}),
         ("sleep", {"sleep"}),
         (
             "all but adhesion",
-            set(ALONE) - {"adhesion", "multi-contact", "extrapolated exchange", "sleep"},
+            {"friction", "rolling", "dissipation", "substrate coupling", "moving boundaries"},
         ),
     ],
 )

@@ -133,6 +133,33 @@ def test_the_limit_of_overlaps_is_the_users_for_spheres_walls_and_substrate():
     assert sim.particles.velocity[2, 2] == pytest.approx(-0.15, rel=1e-3)
 
 
+def test_contacts_remember_after_a_stop_what_they_did_before():
+    """Beads that lean on each other and on walls by friction: after a stop, as if none had been."""
+    rng = np.random.default_rng(3)
+    beads = np.array([[x, 0, z] for x in (-1, 1) for z in (1, 2.98)]) * R
+    floor = dem.Plane((0, 0, 0), (0, 0, 1), GLASS)
+    leaning = law(0.5, friction=0.6)
+    spin = rng.uniform(-5, 5, (4, 3))
+    setup = scene(beads, R, omega=spin, boundaries=[floor], law=leaning, gravity=(1.0, 0.5, -9.81))
+    sim = dem.Simulation(setup, driver="serial")
+    ends = []
+    for interrupted in (False, True):
+        sim.restart()
+        sim.run(steps=60)
+        if interrupted:
+            before, force = sim.contacts(), sim.particles.force
+            deepest = sim._engine.control.deepest
+            limit, deepest[None] = deepest[None], 1e-9
+            stop(sim, steps=50)
+            deepest[None] = limit
+            assert np.abs(before["tangential_force"]).max() > 0
+            assert np.array_equal(sim.contacts()["tangential_force"], before["tangential_force"])
+            assert np.array_equal(sim.particles.force, force)
+        sim.run(steps=60)
+        ends.append(state(sim))
+    assert np.allclose(*ends, rtol=1e-12, atol=0)
+
+
 def test_too_fast_a_sphere_stops_the_run(monkeypatch):
     """Free fall to a speed at which a quarter of the radius goes by in one step.  What was there
     before can be looked at, and goes on."""

@@ -16,8 +16,9 @@ LAYERS = {
     "scene": "validation material shapes periodic overlaps packing sphere_files spheres substrate "
     "scene time_step writing tables toml_text scene_file",
     "kernels": "types control particles effects contact_list grid neighbors boundaries geometry "
-    "expansions reciprocal expansion_newton forces pair_sums coupling extrapolation exchange creep "
-    "hosted lagged integrate meeting drivers energy guards views sleep pace engine memory",
+    "expansions reciprocal expansion_newton forces pair_sums coupling extrapolation exchange "
+    "pressed creep members hosted lagged integrate meeting drivers energy guards views sleep pace "
+    "engine memory",
     "simulation": "schedule simulation moments neglect",
     "outputs": "style wording snapshot frames progress output bed dents plot",
     "tools": "folder run cost check settings record accuracy orders closed_form worker workers "
@@ -35,6 +36,7 @@ LAZILY = {("scene_file", "contacts.law")}  # laws by name, where a file is read
 HALFSPACE_IN = {
     "exchange": {"halfspace"},
     "hosted": {"halfspace"},
+    "lagged": {"halfspace"},
     "creep": {"halfspace"},
     "pair_sums": {"halfspace.finite"},
     "types": {"halfspace.backend"},

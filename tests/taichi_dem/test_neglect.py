@@ -128,6 +128,8 @@ def test_only_what_can_be_turned_on_is_looked_at():
 
     assert names(pressed(exchange="none")) == ["substrate coupling", "multi-contact"]
     assert names(pressed(coupling="point")) == ["finite contact size"]
+    creeps = dem.Relaxation(relaxed_modulus=1e6, retardation_time=1.0)
+    assert names(pressed(coupling="point", relaxation=creeps)) == ["finite contact size"]
     assert names(pressed(coupling="point", exchange="lagged")) == ["finite contact size"]
     assert names(pressed()) == []
     assert not neglect.applicable(pressed())
@@ -150,6 +152,10 @@ def test_sentences_say_what_to_do():
         "substrate coupling would change the median contact force by 12 %: turn it on "
         '(substrate.exchange = "implicit")'
     )
+    creeping = pressed(coupling="point", relaxation=dem.Relaxation(1e6, 1.0))
+    barred = dataclasses.replace(large, barred=neglect._bar(creeping, "finite contact size"))
+    assert "12 %: but it cannot be turned on, as ground that creeps" in barred.sentence()
+    assert barred.summary()["turn_on"] is False and not neglect._bar(creeping, "multi-contact")
     small = neglect.Neglected("finite contact size", entry, 0.0002, 7, 4)
     assert "0.02 % of the median contact force: rightly off" in small.sentence()
     assert small.matters(1e-4) and not small.matters()

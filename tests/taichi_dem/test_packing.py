@@ -38,9 +38,10 @@ def test_overlapping_finds_each_pair_once(seed, ratio, typical):
     position = rng.uniform(0, 1, (200, 3))
     i, j, overlap = all_pairs(position, radius)
     expected = set(zip(i[overlap > 0], j[overlap > 0], strict=True))
-    pairs = zip(*overlaps.overlapping(position, radius), strict=True)
-    found = [tuple(sorted(pair)) for pair in pairs]
+    *pairs, depths = overlaps.overlapping(position, radius)
+    found = [tuple(sorted(pair)) for pair in zip(*pairs, strict=True)]
     assert len(found) == len(expected) and set(found) == expected
+    assert np.allclose(np.sort(depths), np.sort(overlap[overlap > 0]))
 
 
 def test_deep_overlaps_finds_a_pair_that_is_not_of_nearest_neighbours():
@@ -117,7 +118,7 @@ def test_overlapping_images_are_found(seed, ratio, typical):
         apart[..., :2] = inside[:, None] - inside + (np.array(shift) - 1) * period
         close = np.linalg.norm(apart, axis=-1) < radius[:, None] + radius
         expected |= set(zip(*np.nonzero(np.triu(close, k=1)), strict=True))
-    pairs = zip(*overlaps.overlapping(position, radius, period), strict=True)
+    pairs = zip(*overlaps.overlapping(position, radius, period)[:2], strict=True)
     found = [tuple(sorted(pair)) for pair in pairs]
     assert len(found) == len(set(found)) and set(found) == expected
 
@@ -371,4 +372,4 @@ def test_npz_mistakes(tmp_path):
     np.savez(path, position=np.eye(3), radius=np.ones(3), veloctiy=np.eye(3))
     assert "did you mean 'velocity'?" in message(Spheres.from_npz, path, GLASS)[0]
     path.write_text(json.dumps("not an archive"))
-    assert "cannot be read as .npz" in message(Spheres.from_npz, path, GLASS)[0]
+    assert "must be an .npz archive" in message(Spheres.from_npz, path, GLASS)[0]

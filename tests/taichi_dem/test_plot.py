@@ -1,5 +1,6 @@
 """Pictures show what the run has: places, sizes, units, numbers."""
 
+import dataclasses
 import subprocess
 import sys
 
@@ -94,6 +95,35 @@ def test_depression_shows_contacts_at_their_size_and_force(sim):
         "depression (µm)",
         "normal force (µN)",
     ]
+
+
+def test_raised_ground_has_colours_of_its_own(sim):
+    state = Snapshot.of(sim)
+    plain = plot.depression(state).axes[0].images[0]
+    assert plain.norm.vmin == 0 and plain.get_clim()[1] > 0
+    raised = state.depression - state.depression.mean()
+    drawing = plot.depression(dataclasses.replace(state, depression=raised))
+    image = drawing.axes[0].images[0]
+    low, high = image.get_clim()
+    assert low < 0 < high and low / high == pytest.approx(raised.min() / raised.max())
+    assert image.norm(0.0) == 0.5  # white
+    ticks = drawing.axes[1].get_yticks()
+    assert ticks.min() < 0 < ticks.max()
+
+
+def test_contacts_over_the_edge_of_a_periodic_cell_are_drawn_on_both_sides(sim):
+    state = Snapshot.of(sim)
+    one = [0]
+    state = dataclasses.replace(
+        state,
+        period=np.array([8e-3, 9e-3]),
+        substrate_position=np.array([[0.01e-3, 8.95e-3]]),
+        substrate_force=state.substrate_force[one],
+        substrate_radius=np.array([0.1e-3]),
+    )
+    places = circles(plot.depression(state)).get_offsets() / 1e3
+    expected = [[x, y] for x in (0.01e-3, 8.01e-3) for y in (-0.05e-3, 8.95e-3)]
+    assert np.allclose(sorted(places.tolist()), expected)
 
 
 def test_depression_before_anything_touches(tmp_path):

@@ -51,7 +51,7 @@ def sim():
 def creeping(sim, tau=TAU):
     """``sim`` from the start, falling, on ground with another time of retardation."""
     relaxation = dem.Relaxation(relaxed_modulus=E1, retardation_time=tau)
-    sim._engine._hosted.creep = Creep(GROUND, relaxation)
+    sim._engine._hosted.creep = Creep(GROUND, relaxation, residual=1e-12)
     return restart(sim, velocity=FALL, dt=5e-5)
 
 
@@ -131,12 +131,12 @@ def test_memory_follows_the_spheres_wherever_they_stand(sim, monkeypatch):
     """Drivers, reordering in memory and a start anew change no bit; lists that reach farther, none
     but of rounding."""
     creeping(sim).run(steps=80)
-    expected = [*everything(sim), *sim._engine._hosted.creep.save().values()]
+    expected = [*everything(sim), *remembered(sim)]
     assert len(expected[-1]) == N
 
     def same():
         creeping(sim).run(steps=80)
-        found = [*everything(sim), *sim._engine._hosted.creep.save().values()]
+        found = [*everything(sim), *remembered(sim)]
         return all(map(np.array_equal, found, expected))
 
     for driver in ("serial", "parallel", "team"):
@@ -150,6 +150,11 @@ def test_memory_follows_the_spheres_wherever_they_stand(sim, monkeypatch):
         monkeypatch.setattr(engine_module, "REORDER_EVERY", 1)
         creeping(sim).run(steps=80)
         assert all(map(np.array_equal, near, everything(sim)))
+
+
+def remembered(sim):
+    saved = sim._engine._hosted.creep.save()
+    return saved["ids"], saved["memory"]
 
 
 def close(one, other):
@@ -177,23 +182,75 @@ def test_points_too_close_for_that_are_warned_of(sim):
     position[:, 2] = 0.7 * R
     with pytest.warns(UserWarning, match="below 6 radii"):
         restart(creeping(sim), position, dt=1e-7).run(steps=1)
+    assert sim.warnings["close_points"] == N
 
 
-def test_a_sphere_that_leaves_forgets(sim):
+def put(sim, position, velocity):
+    sim._engine.particles.write(position, velocity, np.zeros((N, 3)))
+
+
+def test_a_dent_stays_where_a_sphere_has_left_it(sim):
+    """It recovers there, and acts on the others by the same equations as before, until the sphere
+    is back in it."""
+    creeping(sim).run(steps=60)
+    creep, velocity = sim._engine._hosted.creep, np.zeros((N, 3))
+    velocity[4] = 4.0, 0.0, 10.0
+    put(sim, sim.particles.position, velocity)
+    while sim.particles.position[4, 2] < R:
+        sim.run(steps=1)
+    dent = sim.particles.position[4, :2]
+    s0 = creep.save()["memory"][4]
+    sim.run(steps=10)
+    saved = creep.save()
+    creep.forget()
+    creep.restore(saved)
+    sim.run(steps=10)
+    position, ground = sim.particles.position, sim.substrate
+    assert np.array_equal(ground.particle, np.delete(np.arange(N), 4))
+    assert ground.dent_position == pytest.approx(dent[None])
+    assert ground.dent_load == pytest.approx(CREEP * s0 * np.exp(-20 * sim.dt / TAU), rel=1e-12)
+    place = np.append(ground.position, ground.dent_position, axis=0)
+    sunk = GROUND.matrix(place) @ np.append(ground.load, ground.dent_load)
+    depth = R - position[ground.particle, 2] - sunk[:-1]
+    crept = SHARE * (ground.load - ground.force)
+    force = 4 / 3 * COMPOSITE * np.sqrt(R) * depth**1.5 - crept
+    assert np.allclose(ground.force, force, rtol=1e-8)
+    points = np.array([dent, [0.7 * R, R]])
+    radius = np.append(ground.contact_radius, ground.dent_radius)
+    loads = np.append(ground.load, ground.dent_load)
+    assert np.allclose(ground.field(points), GROUND.field(place, loads, points, radius))
+
+    before, position = creep.save()["memory"].sum(), position.copy()
+    position[4] = [*(dent + 0.2 * ground.dent_radius), R - 1e-3 * R]
+    put(sim, position, np.zeros((N, 3)))
+    sim.run(steps=1)
+    assert not len(creep.save()["_dents"].ids) and len(creep.save()["ids"]) == N
+    assert creep.save()["memory"].sum() == pytest.approx(before, rel=0.02)
+
+
+@pytest.mark.filterwarnings("ignore:.*have come from nothing")  # the test has put it in
+def test_dents_without_spheres_recover_and_are_forgotten(sim, monkeypatch):
+    """What they hold falls by closed forms into heat, however many steps are made at once."""
     creeping(sim).run(steps=60)
     creep = sim._engine._hosted.creep
-    assert len(creep.save()["ids"]) == N
-    velocity = np.zeros((N, 3))
-    velocity[4, 2] = 10.0
-    sim._engine.particles.write(sim.particles.position, velocity, np.zeros((N, 3)))
+    put(sim, sim.particles.position, np.tile([0, 0, 20.0], (N, 1)))
     sim.run(steps=4)
-    assert sim.particles.position[4, 2] > R
-    assert np.array_equal(creep.save()["ids"], np.delete(np.arange(N), 4))
-    velocity[:, 2] = 20.0
-    sim._engine.particles.write(sim.particles.position, velocity, np.zeros((N, 3)))
-    with skin_held_at(sim, 1e-9):  # in one step, out of the list
-        sim.run(steps=4)
-    assert not sim._engine.exchange.count and not len(creep.save()["ids"])
+    assert not sim._engine.exchange.count and len(sim.substrate.dent_load) == N
+    s, start, first = remembered(sim)[1][::-1], sim.steps, sim.energy()
+    places, own = creep.save()["_dents"].place, SHARE * CREEP
+    coupled = 0.5 * CREEP * s @ GROUND.matrix(places) @ s
+    strength = 4 / 3 * COMPOSITE * np.sqrt(R)
+    local = np.sum(0.6 * (own * s) ** (5 / 3)) / strength ** (2 / 3)
+    local *= ((1 + own) / own) ** (2 / 3) - 1
+    for driver, steps in (("serial", 100), ("serial", 7), ("parallel", 50)):
+        monkeypatch.setattr(sim._engine.pace, "driver", driver)
+        sim.run(steps=steps)
+        left, now = np.exp(-(sim.steps - start) * sim.dt / TAU), sim.energy()
+        assert now["substrate"] == pytest.approx(coupled * left**2 + local * left ** (5 / 3))
+        heat = now["dissipated"] - first["dissipated"]
+        assert heat == pytest.approx(first["substrate"] - now["substrate"], rel=1e-9)
+    sim.run(steps=int(30 * TAU / sim.dt))
+    assert not len(remembered(sim)[0]) and not len(sim.substrate.dent_load)
 
 
 SCRIPT = """

@@ -335,7 +335,7 @@ def test_a_stiffening_spring_makes_no_energy(benches):
         (lambda: dem.CDTJKR(-1.0), "work_of_adhesion = -1"),
         (
             lambda: dem.Law(dem.Hertz(0.5), rolling=dem.CDTJKR(adhesion_hysteresis=1.5)),
-            "rolling.work_of_adhesion: must be given: only JKR has it, Hertz has not",
+            "rolling.work_of_adhesion: is missing; must be >= 0 J/m2, as the normal law, Hertz",
         ),
         (
             lambda: dem.Law(dem.JKR(0.05, 0.5), rolling=dem.CDTJKR(0.05)),

@@ -246,8 +246,8 @@ def test_faces_are_points_and_unit_normals_into_the_domain():
             [
                 "substrate.tolerance = x: must be a number; must be > 0 and < 1 (of the "
                 "displacement)",
-                "substrate.layer: must be left out with exchange = 'none', a plane",
-                "substrate.relaxation: must be left out with exchange = 'none', a plane",
+                'substrate.layer: must be left out with exchange = "none", a plane',
+                'substrate.relaxation: must be left out with exchange = "none", a plane',
             ],
         ),
         (
@@ -293,7 +293,7 @@ def test_scene_refuses_what_is_of_the_wrong_kind():
         "substrate = 5: must be a Substrate or None",
         "law: must be a Law",
         "gravity = 9.81: must be three finite numbers",
-        "period = (1, 0): must be (Lx, Ly), two finite lengths > 0 m, or None",
+        "period = (1, 0): must be two finite lengths > 0 m, [Lx, Ly], or left out",
     ]
     assert message(scene, boundaries=3) == ["boundaries = 3: must be a list of boundaries"]
 
@@ -353,7 +353,7 @@ def test_a_packing_in_wrong_units_is_refused_without_listing_every_pair():
 def test_a_period_is_two_lengths(period):
     [line] = message(scene, period=period)
     assert line.startswith("period = ") and line.endswith(
-        "must be (Lx, Ly), two finite lengths > 0 m, or None"
+        "must be two finite lengths > 0 m, [Lx, Ly], or left out"
     )
 
 
@@ -380,6 +380,9 @@ def test_periodic_sides_leave_room_and_have_no_walls():
 def test_overlaps_over_periodic_sides_are_seen():
     spheres = Spheres([[0.05, 0.1, 1], [0.93, -0.85, 1]], 0.1, GLASS)
     scene(spheres=spheres)
+    assert spheres.overlapping() is spheres.overlapping()  # for the time step, without a search
     scene(spheres=spheres, period=(1.0, 1.1))
     [line] = message(scene, spheres=spheres, period=(1.0, 1.0))
     assert line.startswith("spheres.position[1] = [0.93, -0.85, 1.0]: overlaps sphere 0 by 0.07 m")
+    [line] = message(scene, spheres=spheres, period=(0.1, 1.0))  # in which all would overlap
+    assert line.startswith("period = (0.1, 1.0): must be at least 0.4 m")

@@ -172,7 +172,7 @@ def test_all_mistakes_are_reported_at_once_with_their_keys(path):
     )
     assert lines == [
         "boundaries[5].normal = 1: there is no such place in the file",
-        "overrides = foo: must be path.to.key=value",
+        "--set = foo: must be KEY=VALUE, like law.normal.restitution=0.5",
         "lwa = {'x': 3}: unknown key; did you mean 'law'? known: gravity, period, sleep, "
         "materials, spheres, boundaries, substrate, law, run",
         "materials.gel.density = -1: must be > 0 kg/m3 (density)",
@@ -187,7 +187,6 @@ def test_all_mistakes_are_reported_at_once_with_their_keys(path):
         "law.tangential.fricton = 3: unknown key; did you mean 'friction'? known: friction",
         "law.pairs[0].tangential: changes a law that is not given, or not right, for all pairs",
         "run.steps = 0: must be a whole number >= 1",
-        "run.steps = 0: give duration or steps, not both",
     ]
 
 
@@ -289,17 +288,39 @@ def test_all_mistakes_are_reported_at_once_with_their_keys(path):
         ),
         (
             ["substrate.layer.thickness=1e-3", "substrate.exchange=none"],
-            ["substrate.layer: must be left out with exchange = 'none', a plane"],
+            ['substrate.layer: must be left out with exchange = "none", a plane'],
+        ),
+        (
+            ["substrate.coupling=none"],
+            [
+                "substrate.coupling = none: must be one of finite, point; for contacts that do not "
+                'feel each other, exchange = "none"'
+            ],
         ),
         (["gravity=1"], ["gravity = 1: must be three finite numbers"]),
         (
             ["period=[1]"],
-            ["period = [1]: must be (Lx, Ly), two finite lengths > 0 m, or None"],
+            ["period = [1]: must be two finite lengths > 0 m, [Lx, Ly], or left out"],
         ),
     ],
 )
 def test_mistakes_name_key_value_and_rule(path, overrides, lines):
     assert message(path, *overrides) == lines
+
+
+def test_a_replaced_length_takes_the_place_of_the_other(path):
+    assert read(path, ["run.steps=3"], LAWS)[1].duration is None
+    assert read(path, ["run.steps=3", "run.duration=1"], LAWS)[1].steps is None
+
+
+def test_what_is_left_out_is_asked_for_in_words_of_the_file(path):
+    path.write_text("[materials]")
+    lines = message(path)
+    assert lines == [
+        "spheres: is missing: write [spheres] with one of position, generate, file, lammps_data",
+        'law: is missing: write [law], and in it, say, normal = { type = "Hertz", '
+        "restitution = 0.5 }",
+    ]
 
 
 def test_what_is_not_toml_is_refused(path):
@@ -327,6 +348,12 @@ def test_spheres_from_files_beside_the_scene(path):
     assert line == "spheres.materials.a = gel: must be under an atom type: 1, 2 …"
     [line] = message(path, "spheres={file='s.csv'}")
     assert "names no materials" in line
+    path.with_name("n.csv").write_text("x,y,z,radius,material\n0.01,0.01,0.01,1e-3,glass\n")
+    [line] = message(path, "spheres={file='n.csv', material='gel'}")
+    assert line.endswith("known: gel; leave spheres.material out where the file names materials")
+    path.with_name("b.npz").write_text("x,y,z,radius\n")
+    [line] = message(path, "spheres={file='b.npz', material='gel'}")
+    assert "must be an .npz archive" in line and "position (n, 3)" in line and "pickle" not in line
 
 
 @pytest.mark.parametrize(
@@ -407,7 +434,7 @@ def scenes(draw):
 
 
 @settings(max_examples=60)
-@given(scenes(), st.builds(Run, duration=positive, dt=st.none() | positive))
+@given(scenes(), st.builds(Run, duration=positive) | st.builds(Run, steps=st.just(7), dt=positive))
 def test_round_trip_is_exact(tmp_path_factory, scene, run):
     path = tmp_path_factory.mktemp("scene") / "scene.toml"
     write(path, scene, run)

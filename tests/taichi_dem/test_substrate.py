@@ -369,17 +369,25 @@ def test_the_spectral_radius_is_watched(lagged, count, ratio):
     assert lagged.summary()["lagged_spectral_radius"] >= lagged._engine.lag.radius
     told = [w for w in seen if "close to divergence" in str(w.message)]
     assert len(told) == (expected > 0.5)
-    assert 18 <= lagged.warnings.get("lagged_exchange", 0) <= 20 or expected < 0.5
+    looks = 8 + (2000 - 8 * 3) // 97
+    assert looks - 2 <= lagged.warnings.get("lagged_exchange", 0) <= looks or expected < 0.5
 
 
 def test_a_lagged_exchange_that_diverges_is_stopped(lagged):
-    """The state is the last good one; message and summary say how large the radius is."""
+    """Early, where it is found, however many steps are made at once; the state is that of this
+    step, message and summary say how large the radius is."""
     places, height, _, _ = array_in_equilibrium(3, 0.31, 2.2 * R)
-    restart(lagged, np.column_stack([places, height]), dt=1e-9)
-    with pytest.raises(dem.SimulationStopped, match=r"radius \d.*implicit.*force_lagged"):
-        lagged.run(steps=1000)
-    assert lagged.steps < 1000 and lagged._engine.lag.next <= 97
-    assert lagged.summary()["lagged_spectral_radius"] > 1
+    states = []
+    for chunk in (1000, 5, 1):
+        restart(lagged, np.column_stack([places, height]), velocity=(0, 0, -1), dt=1e-9)
+        with pytest.raises(dem.SimulationStopped, match=r"radius \d.*implicit.*force_lagged"):
+            for _ in range(1000 // chunk):
+                lagged.run(steps=chunk)
+        assert 0 < lagged.steps <= 24 and lagged.steps % 3 == 0
+        assert lagged._engine.lag.next == lagged.steps + 3
+        assert lagged.summary()["lagged_spectral_radius"] > 1
+        states.append(np.column_stack([state(lagged), lagged.particles.force]))
+    assert np.array_equal(states[0], states[1]) and np.array_equal(states[0], states[2])
 
 
 @pytest.fixture(scope="module")

@@ -154,7 +154,7 @@ class ContactList:
     def _on_file(self) -> list[str]:
         names = ["old_start", "old_end", "old_partner"]
         names += ["old_history"] if self.has_history else []
-        return names + (["old_result"] if self.dissipates else [])
+        return names + (["old_result"] if self.recalls else [])
 
     def inherit(self, other: "ContactList") -> None:
         """Take over what a smaller list has on file."""

@@ -41,6 +41,7 @@ PAIRS_PER_PARTICLE = 60  # of its contacts; likewise
 GROWTH = 1.3
 REORDER_ABOVE = 300  # particles: fewer are close together in the cache in any order
 REORDER_EVERY = 8  # rebuilds
+REMEMBERED = 200_000  # particles: what the contacts of more remember would take too much to keep
 
 
 class Engine:
@@ -130,7 +131,7 @@ class Engine:
 
     def _start(self) -> None:
         """Contacts and forces of a state that no step has led to."""
-        self._keep_good_state(begins=True)
+        self._keep_good_state()
         self._stop_at_nonsense()
         self.rebuild(remember=False)
         self._solve_on_host(0.0)
@@ -282,7 +283,6 @@ class Engine:
         self.drivers.evaluate(0.0)
         if good["contacts"] is not None:  # which forces at rest have changed
             self.rebuild(remember=False, filed=good["contacts"])
-        if good["step"] > 0:
             self.particles.write_load(good["force"], good["torque"])
         self.control.flags.fill(0)
         self.lost = good["lost"] - self.energy.loss(False)
@@ -291,9 +291,10 @@ class Engine:
     def _at_present(self, why: str) -> str:
         return f"at t = {self.step * self.time_step:.6g} s {why}."
 
-    def _keep_good_state(self, begins: bool = False) -> None:
-        """``begins``: no contact is known yet."""
-        state = self.particles.read()
+    def _keep_good_state(self) -> None:
+        state, contacts = self.particles.read(), self._contacts_on_file()
+        if contacts is None:  # forces are found anew
+            del state["force"], state["torque"]
         self._good: dict[str, Any] = {
             "time": self.step * self.time_step,
             "step": self.step,
@@ -302,12 +303,14 @@ class Engine:
             "lost": self.lost + self.energy.loss(False),
             "creep": None if self.creep is None else self.creep.save(),
             "lag": None if self.lag is None else self.lag.save(),
-            "contacts": None if begins else self._contacts_on_file(),
+            "contacts": contacts,
         }
 
     def _contacts_on_file(self) -> dict[str, Any] | None:
-        """What contacts remember, which friction, rolling, yielding or adhesion make them do."""
-        if not (self.effects.history or self.effects.adhesion):
+        """What contacts remember, which friction, rolling, yielding or adhesion make them do; None
+        at the start, where they only know what their forces at rest tell them."""
+        remembers = self.effects.history or self.effects.adhesion
+        if not remembers or self.step == 0 or self.particles.count > REMEMBERED:
             return None
         self.neighbors.save(True)
         return self.contacts.filed()

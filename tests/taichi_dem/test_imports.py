@@ -17,8 +17,8 @@ LAYERS = {
     "scene time_step writing tables toml_text scene_file",
     "kernels": "types control particles effects contact_list grid neighbors boundaries geometry "
     "expansions reciprocal expansion_newton forces pair_sums coupling extrapolation exchange "
-    "joint pressed creep members hosted lagged integrate meeting drivers energy guards views sleep pace "
-    "engine memory",
+    "joint pressed creep members hosted lagged integrate meeting drivers energy guards views sleep "
+    "pace engine memory",
     "simulation": "schedule simulation moments neglect",
     "outputs": "style wording snapshot frames progress output bed dents plot",
     "tools": "folder run cost check settings record accuracy orders closed_form worker workers "

@@ -15,8 +15,6 @@ carry can overtake: nothing has happened to those who still sleep.
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from taichi_dem.boundaries import Boundaries
 from taichi_dem.contact_list import APART, FIRST_FACE
@@ -71,6 +69,9 @@ class Sleep:
 
     def look(self, step: int, forces: Any) -> float:
         """Let clusters at rest sleep; returns what was in their motion, J."""
+        from scipy.sparse import coo_array  # slow to import, and seldom needed
+        from scipy.sparse.csgraph import connected_components
+
         self._look_after(step)
         n, contacts = self.particles.count, forces.contacts.count()
         still, pairs = np.zeros(n, np.int32), np.empty((2, contacts), np.int32)

@@ -152,3 +152,8 @@ def test_every_public_name_is_where_the_package_says():
         assert getattr(taichi_dem, name).__name__ == name
     with pytest.raises(AttributeError, match="Nonsense"):
         _ = taichi_dem.Nonsense
+
+
+def test_a_simulation_starts_without_what_only_some_need():
+    """SciPy takes longer to import than a scene of a few hundred spheres to be checked."""
+    assert "scipy" not in loaded_after("import taichi_dem; taichi_dem.Simulation")

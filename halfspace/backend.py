@@ -15,6 +15,8 @@ from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
 
+from halfspace.front_end import shorten
+
 
 def _choice(variable: str, allowed: tuple[str, ...]) -> str:
     value = os.environ.get(variable, allowed[0])
@@ -43,6 +45,7 @@ except ModuleNotFoundError:
     raise ValueError(
         f"HALFSPACE_BACKEND = {BACKEND}: is not installed; pip install {BACKEND}"
     ) from None
+shorten(BACKEND)
 
 ABANDONED = 60  # s: a lock on the kernels kept on disk is held for as long as they are read
 real = ti.f64 if PRECISION == "double" else ti.f32

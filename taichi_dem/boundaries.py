@@ -103,38 +103,70 @@ class Boundaries:
 
     def fill(self, material_index: dict) -> None:
         """Write the scene's boundaries into the fields."""
-        for f, (b, point, normal) in enumerate(self._faces):
-            self.face[f] = {
-                "origin": point,
-                "point": point,
-                "normal": normal,
-                "velocity": np.zeros(3),
-                "inverse_mass": self._travels[b].inverse_mass,
-                "material": material_index[self._scene.boundaries[b].material],
-                "boundary": b,
-            }
-        for b, travel in enumerate(self._travels):
-            for row, pair in enumerate(travel.table):
-                for column in range(2):
-                    self.table[b, row, column] = pair[column]
-            self.motion[b] = {
-                "direction": travel.direction,
-                "travel": 0.0,
-                "speed": self._initial_speed(travel),
-                "push": 0.0,
-                "work": 0.0,
-                "load": travel.load,
-                "inverse_mass": travel.inverse_mass,
-                "rows": len(travel.table),
-                "final_speed": travel.final_speed,
-                "moves": int(self._moves[b]),
-                "approach": self._approach(b),
-                "enrolled": 0.0,
-            }
-        for f, (b, *_) in enumerate(self._faces):
-            self.face[f].velocity = np.multiply(
-                self._initial_speed(self._travels[b]), self._travels[b].direction
+        speed = [self._initial_speed(travel) for travel in self._travels]
+        faces = [
+            (
+                *point,
+                *normal,
+                *(speed[b] * way for way in self._travels[b].direction),
+                self._travels[b].inverse_mass,
+                material_index[self._scene.boundaries[b].material],
+                b,
             )
+            for b, point, normal in self._faces
+        ]
+        motions = [
+            (
+                *travel.direction,
+                speed[b],
+                travel.load,
+                travel.inverse_mass,
+                len(travel.table),
+                travel.final_speed,
+                self._moves[b],
+                self._approach(b),
+            )
+            for b, travel in enumerate(self._travels)
+        ]
+        table = np.zeros((self.count, self.longest_table, 2))
+        for b, travel in enumerate(self._travels):
+            table[b, : len(travel.table)] = travel.table
+        if self.count > 0:
+            self._write(np.array(faces, float), np.array(motions, float), table)
+
+    @ti.kernel
+    def _write(
+        self,
+        faces: ti.types.ndarray(),
+        motions: ti.types.ndarray(),
+        table: ti.types.ndarray(),
+    ):
+        ti.loop_config(serialize=True)
+        for f in range(faces.shape[0]):
+            for axis in ti.static(range(3)):
+                self.face[f].origin[axis] = faces[f, axis]
+                self.face[f].point[axis] = faces[f, axis]
+                self.face[f].normal[axis] = faces[f, 3 + axis]
+                self.face[f].velocity[axis] = faces[f, 6 + axis]
+            self.face[f].inverse_mass = faces[f, 9]
+            self.face[f].material = ti.cast(faces[f, 10], ti.i32)
+            self.face[f].boundary = ti.cast(faces[f, 11], ti.i32)
+        ti.loop_config(serialize=True)
+        for b in range(motions.shape[0]):
+            for axis in ti.static(range(3)):
+                self.motion[b].direction[axis] = motions[b, axis]
+            self.motion[b].speed = motions[b, 3]
+            self.motion[b].load = motions[b, 4]
+            self.motion[b].inverse_mass = motions[b, 5]
+            self.motion[b].rows = ti.cast(motions[b, 6], ti.i32)
+            self.motion[b].final_speed = motions[b, 7]
+            self.motion[b].moves = ti.cast(motions[b, 8], ti.i32)
+            self.motion[b].approach = motions[b, 9]
+            self.motion[b].travel = self.motion[b].push = 0.0
+            self.motion[b].work = self.motion[b].enrolled = 0.0
+            for row in range(table.shape[1]):
+                for column in ti.static(range(2)):
+                    self.table[b, row, column] = table[b, row, column]
 
     def _approach(self, b: int) -> float:
         direction = np.array(self._travels[b].direction)

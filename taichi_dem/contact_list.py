@@ -19,8 +19,8 @@ APART, TOUCHING = range(2)
 Ends = ti.types.struct(i=ti.i32, j=ti.i32)
 
 
-def result_of(effects: Effects) -> Any:
-    """What a contact does to its two bodies, as a struct.
+def result_parts(effects: Effects) -> dict[str, Any]:
+    """What a contact does to its two bodies: the members of a struct.
 
     force         on i
     half_overlap  the arm of a sphere is its radius less this
@@ -35,7 +35,15 @@ def result_of(effects: Effects) -> Any:
         parts["torque"] = vec3
     if effects.losses and not effects.plastic:
         parts["drag"] = real
-    return ti.types.struct(**parts)
+    return parts
+
+
+def filed_parts(effects: Effects) -> dict[str, Any]:
+    """Of that, what is kept while the list is made anew: what the books of energy need of the step
+    before, or all, for contacts that sleep."""
+    parts, work = result_parts(effects), {"couple", "torque"}
+    work.add("force" if effects.plastic else "drag")
+    return {name: kind for name, kind in parts.items() if effects.sleep or name in work}
 
 
 def history_type(effects: Effects) -> Any:
@@ -75,8 +83,8 @@ class ContactList:
         self.rolls = effects.rolling
         self.shares_inertia = "rolling_inertia" in effects.asks_for
         builder = ti.FieldsBuilder()
-        Result = result_of(effects)
-        self.ends, self.result = Ends.field(), Result.field()
+        self.ends = Ends.field()
+        self.result = ti.types.struct(**result_parts(effects)).field()
         self.start, self.incidence_start = ti.field(ti.i32), ti.field(ti.i32)
         self.incidence = ti.field(ti.i32)
         self.touching = ti.field(ti.i32)
@@ -85,9 +93,9 @@ class ContactList:
         builder.dense(ti.i, capacity).place(self.result)
         builder.dense(ti.i, particles + 1).place(self.start, self.incidence_start)
         builder.dense(ti.i, 2 * capacity).place(self.incidence)
-        self.room = 3 * capacity // particles
+        self.room = 2 * capacity // particles
         self.found, self.name = ti.field(ti.i32), ti.field(ti.i32)
-        builder.dense(ti.i, 3 * capacity).place(self.found)
+        builder.dense(ti.i, 2 * capacity).place(self.found)
         builder.dense(ti.i, 2 * capacity).place(self.name)
         self.old_start, self.old_end = ti.field(ti.i32), ti.field(ti.i32)
         self.old_partner = ti.field(ti.i32)
@@ -102,8 +110,13 @@ class ContactList:
             self.lost = ti.field(real)
             builder.dense(ti.i, capacity).place(self.lost)
         if self.recalls:
-            self.old_result = Result.field()
+            filed = filed_parts(effects)
+            self.old_result = ti.types.struct(**filed).field()
             builder.dense(ti.i, capacity).place(self.old_result)
+            self.filed = [
+                tuple(whole.get_member_field(name) for whole in (self.result, self.old_result))
+                for name in filed
+            ]
         if self.shares_inertia:
             self.number = ti.field(ti.i32)
             builder.dense(ti.i, particles).place(self.number)

@@ -52,7 +52,8 @@ class Neighbors:
                     if ti.static(self.contacts.has_history):
                         self.contacts.old_history[filed] = self.contacts.history[p]
                     if ti.static(self.contacts.recalls):  # their work is a trapezoid's
-                        self.contacts.old_result[filed] = self.contacts.result[p]
+                        for result, filed_result in ti.static(self.contacts.filed):
+                            filed_result[filed] = result[p]
                     filed += 1
             self.contacts.old_end[row] = filed
 
@@ -75,7 +76,8 @@ class Neighbors:
             if found < end:
                 touching = TOUCHING
                 if ti.static(self.contacts.recalls):
-                    self.contacts.result[p] = self.contacts.old_result[found]
+                    for result, filed_result in ti.static(self.contacts.filed):
+                        result[p] = filed_result[found]
         self.contacts.touching[p] = touching
         if ti.static(self.contacts.has_history):
             if touching == APART:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from scipy.spatial import cKDTree
 
 from taichi_dem.periodic import Period, nearest_image, wrapped
+
+FEW = 500  # spheres: all pairs are looked at sooner than the search for near ones is imported
 
 
 def overlapping(
@@ -15,6 +18,17 @@ def overlapping(
 
     Radii are grouped by octaves, so that a few large spheres cost the small ones nothing.
     """
+    if len(radius) <= FEW:
+        i, j = np.triu_indices(len(radius), 1)
+    else:
+        i, j = _near(position, radius, period)
+    close = _distance(position, i, j, period) < radius[i] + radius[j]
+    return i[close], j[close]
+
+
+def _near(
+    position: np.ndarray, radius: np.ndarray, period: Period | None
+) -> tuple[np.ndarray, np.ndarray]:
     octave = np.floor(np.log2(radius / radius.min()))
     groups = [np.flatnonzero(octave == k) for k in np.unique(octave)]
     position = wrapped(position, period)
@@ -29,8 +43,7 @@ def overlapping(
             inner = np.fromiter((k for row in near for k in row), np.intp, count=counts.sum())
             found.append((np.repeat(large, counts), small[inner]))
     i, j = (np.concatenate(side) for side in zip(*found, strict=True))
-    close = _distance(position, i, j, period) < radius[i] + radius[j]
-    return i[close], j[close]
+    return i, j
 
 
 def deep_overlaps(
@@ -41,7 +54,8 @@ def deep_overlaps(
     Cheap searches go first (equal centres, nearest neighbours) and the first to find any ends it: a
     packing in wrong units may have n^2 overlaps.
     """
-    for search in (_coincident, _nearest, overlapping):
+    searches = (overlapping,) if len(radius) <= FEW else (_coincident, _nearest, overlapping)
+    for search in searches:
         i, j = search(position, radius, period)
         overlap = radius[i] + radius[j] - _distance(position, i, j, period)
         deep = (i != j) & (overlap > fraction * np.minimum(radius[i], radius[j]))
@@ -70,7 +84,9 @@ def _nearest(
     return everyone, np.where(nearest[:, 0] == everyone, nearest[:, -1], nearest[:, 0])
 
 
-def _tree(position: np.ndarray, period: Period | None) -> cKDTree:
+def _tree(position: np.ndarray, period: Period | None) -> Any:
+    from scipy.spatial import cKDTree  # which takes longer to import than a few spheres to check
+
     return cKDTree(position, boxsize=None if period is None else (*period, 0.0))  # 0: endless
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtr, ndtri
 
 from taichi_dem.overlaps import overlapping
 from taichi_dem.periodic import Period, narrow_problem, nearest_image, wrapped
@@ -144,6 +143,8 @@ def _draw(radius: Any, rng: np.random.Generator, n: int) -> np.ndarray:
     low, high = numbers[-2:]
     if kind == "uniform" or low == high:
         return rng.uniform(low, high, n)
+    from scipy.special import ndtr, ndtri  # slow to import, and seldom needed
+
     middle, deviation = numbers[:2]
     scale = np.log if kind == "lognormal" else np.asarray
     first, last = ndtr((scale([low, high]) - scale(middle)) / deviation)

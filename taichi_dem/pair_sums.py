@@ -102,13 +102,15 @@ class PairSums:
     def gather_sources(self):
         """Note the contacts that carry force, before :meth:`evaluate`."""
         found = 0
-        for k in range(self.count[None]):
+        k = 0
+        while k < self.count[None]:
             if self.force[k] != 0.0:
                 self.source_x[found], self.source_y[found] = self.x[k], self.y[k]
                 self.source_force[found] = self.force[k]
                 self.source_square[found] = self.square[k]
                 self.source_moment[found] = 0.1 * self.force[k] * self.square[k]
                 found += 1
+            k += 1
         self.sources[None] = found
 
     @ti.func
@@ -174,7 +176,8 @@ class PairSums:
     def add_overlapping(self, block, lane):
         """What contacts do that overlap the contact of a lane."""
         k = block * LANES + lane
-        for j in range(self.count[None]):
+        j = 0
+        while j < self.count[None]:
             dx, dy = self.x[k] - self.x[j], self.y[k] - self.y[j]
             square, size = dx * dx + dy * dy, self.square[k] + self.square[j]
             if j != k and not square > TOUCHING * size:
@@ -186,6 +189,8 @@ class PairSums:
                 self.slope_x[block, lane] -= 2.0 * force * kernel.by_square * dx
                 self.slope_y[block, lane] -= 2.0 * force * kernel.by_square * dy
 
+            j += 1
+
     # -- the kept matrix -------------------------------------------------------------------------
 
     @ti.func
@@ -194,10 +199,13 @@ class PairSums:
         first, all_of_it = block * LANES, 0
         for lane in ti.static(range(LANES)):
             all_of_it += self.moved[first + lane]
-        for j in range(self.count[None]):
+        j = 0
+        while j < self.count[None]:
             if all_of_it + self.moved[j] > 0:
                 for lane in range(LANES):
                     self.matrix[block, j, lane] = ti.cast(self.influence(first + lane, j), ti.f32)
+
+            j += 1
 
     @ti.func
     def influence(self, k, j):
@@ -215,13 +223,17 @@ class PairSums:
     def gather_loads(self, values: ti.template()):
         """Note which of ``values`` (N) are not zero, before :meth:`apply`."""
         found, largest = 0, 0.0
-        for k in range(self.count[None]):
+        k = 0
+        while k < self.count[None]:
             largest = ti.max(largest, ti.abs(values[k]))
-        for k in range(self.count[None]):
+            k += 1
+        k = 0
+        while k < self.count[None]:
             if values[k] != 0.0:
                 self.load[found] = ti.cast(values[k] / largest, ti.f32)
                 self.load_place[found] = k
                 found += 1
+            k += 1
         self.loads[None], self.unit[None] = found, largest * self.compliance[None]
 
     @ti.func

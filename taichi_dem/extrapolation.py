@@ -129,10 +129,8 @@ class Extrapolation:
                 history = contacts.history[p]
             if ti.static(self.exchange.adhesion):
                 self.exchange.hold(i, overlap, history, contacts.touching[p])
-            self.exchange.ground[i].expansion, self.exchange.ground[i].slope = (
-                now[0],
-                vec2(now[1], now[2]),
-            )
+            self.exchange.ground[i].expansion = now[0]
+            self.exchange.ground[i].slope = vec2(now[1], now[2])
             self.exchange.ground[i].stored = now[3]
             self.exchange.ground[i].force = self.exchange.elastic(i, overlap, history)[0]
             if overlap > 0.0 and ground.age == 0 and ground.touched & UNSEEN == 0:

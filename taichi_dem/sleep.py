@@ -73,8 +73,8 @@ class Sleep:
         from scipy.sparse.csgraph import connected_components
 
         self._look_after(step)
-        n, contacts = self.particles.count, forces.contacts.count()
-        still, pairs = np.zeros(n, np.int32), np.empty((2, contacts), np.int32)
+        n, contacts = self.particles.count, max(forces.contacts.count(), 1)
+        still, pairs = np.zeros(n, np.int32), np.full((2, contacts), -1, np.int32)
         self._survey(forces, still, pairs[0], pairs[1])
         joined = pairs[:, pairs[0] >= 0]
         links = coo_array((np.ones(joined.shape[1], bool), (joined[0], joined[1])), shape=(n, n))
@@ -91,12 +91,11 @@ class Sleep:
         first: ti.types.ndarray(),
         second: ti.types.ndarray(),
     ):
-        """Who is still, and which contacts join two spheres (-1: none)."""
+        """Who is still, and which contacts join two spheres (-1 stays where they do not)."""
         for i in range(self.particles.count):
             weight = forces.control.gravity[0] / self.particles.body[i].inverse_mass
             still[i] = ti.cast(self.is_still(i, forces, weight), ti.i32)
         for p in range(forces.contacts.start[self.particles.count]):
-            first[p] = -1
             if forces.contacts.ends[p].j >= 0 and forces.contacts.touching[p] != APART:
                 first[p], second[p] = forces.contacts.ends[p].i, forces.contacts.ends[p].j
 

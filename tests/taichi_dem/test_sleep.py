@@ -177,6 +177,17 @@ def test_no_bit_depends_on_cuts_lists_or_order(sim, monkeypatch):
         assert_same_bits(one, expected)
 
 
+def test_who_touches_nobody_sleeps_as_well(sim):
+    """Without weight and motion, and without a contact on the list."""
+    gravity = sim._engine.control.gravity
+    gravity[0] = (0, 0, 0)
+    place = np.tile([[0.5 * WIDE, 0.5 * WIDE, 0.0]], (HEAP + 1, 1))
+    place[:, 2] = (5 + 4 * np.arange(HEAP + 1)) * R
+    restart(sim, place).run(steps=LOOK_EVERY)
+    assert sim._engine.contacts.count() == 0 and sim.asleep.all()
+    gravity[0] = sim.scene.gravity
+
+
 def test_a_stop_wakes_all(sim):
     begin(sim).run(steps=STEPS)
     assert sim.asleep.any()

@@ -115,6 +115,8 @@ class Exchange:
         self.History = history_type(effects)
         self.has_history, self.adhesion = bool(effects.history), effects.adhesion
         self.spreads = law.surface is not None
+        self.together = self.spreads and not law.surface.lagged
+        self.surface_residual = law.surface.residual if self.together else 0.0
         self.noticed = ti.field(ti.i64)
         self.softness = ti.field(real)  # by material: 3/(4 E*), 1/Pa
         self.wave_speed, self.on_host = ti.field(real), ti.field(ti.i32)

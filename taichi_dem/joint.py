@@ -43,8 +43,9 @@ SMALL = 1e-7  # of the deepest overlap: as far a model in single precision can b
 
 @ti.data_oriented
 class JointExpansions(ImplicitExpansions):
-    """As ``ImplicitExpansions``, with the contacts of ``exchange``, a coupled substrate that is
-    solved in the kernel; its scratch fields count overlaps from d + M F on.
+    """As ``ImplicitExpansions``, with the contacts of ``exchange``, a coupled substrate, whose
+    scratch fields count overlaps from d + M F on.  A substrate that is solved for on the host is
+    taken as given, and the two take turns (:mod:`taichi_dem.hosted`).
 
     given     of each contact, m: what the substrate adds to it; while a direction is looked at,
               what it adds to that
@@ -86,12 +87,26 @@ class JointExpansions(ImplicitExpansions):
         lent = 0.0
         if j == SUBSTRATE:
             lent = -self.exchange.expected(i)
-        self.given[p] = 0.0
+            if self.on_host():
+                lent = self.exchange.ground[i].expansion
+        self.given[p] = lent
         return lent
 
     @ti.func
     def risen(self, p):
         return self.rise[2 * p] + self.rise[2 * p + 1] + self.given[p]
+
+    @ti.func
+    def answers(self, p):
+        answer = self.rise[2 * p] + self.rise[2 * p + 1]
+        if not self.on_host():
+            answer += self.given[p]
+        return answer
+
+    @ti.func
+    def on_host(self):
+        """Whether somebody else solves for the substrate, to be taken as given here."""
+        return self.exchange.on_host[None] != 0
 
     # -- between two passes ----------------------------------------------------------------------
 
@@ -104,11 +119,15 @@ class JointExpansions(ImplicitExpansions):
         if phase == MEET:
             self.meet_ground()
             self.phase[None] = MATCH
+        elif ((phase == MATCH) | (phase == RAISE)) and self.on_host():
+            self.phase[None] = WEIGH
         elif (phase == MATCH) | (phase == RAISE):
             for k in range(solver.count[None]):
                 self.press_on_ground(k)
                 solver.loaded[k] = solver.force[k] - solver.known[k]
             self.asked[None], asks = WEIGH, 1
+        elif phase == SPREAD and self.on_host():
+            self.find_length(self.total()[1])
         elif phase == SPREAD:
             for k in range(solver.count[None]):
                 p = self.exchange.entry[k]
@@ -152,7 +171,9 @@ class JointExpansions(ImplicitExpansions):
         self.truth[None] = residual * self.scale[None]
         self.goal[None] = ti.max(ENOUGH * self.truth[None], SMALL * self.scale[None])
         self.exact[None], self.defect[None], solver.tries[None] = 0, math.inf, 0
-        for k in range(solver.count[None]):
+        if self.on_host():
+            self.goal[None] = self.truth[None]
+        for k in range(self.members()):
             self.exchange.tell(k, self.exchange.members[k])
             solver.base[k] -= solver.overlap[k]
             solver.overlap[k] = 0.0
@@ -161,6 +182,11 @@ class JointExpansions(ImplicitExpansions):
             solver.live[k] = ti.cast(near, ti.i32)
             solver.place(k)
             solver.keep_up(k, solver.anchored[k] == 0)
+
+    @ti.func
+    def members(self):
+        """How many contacts there are to solve for here."""
+        return ti.select(self.on_host(), 0, self.solver.count[None])
 
     @ti.func
     def press_on_ground(self, k):
@@ -206,6 +232,8 @@ class JointExpansions(ImplicitExpansions):
             else:
                 self.learn(found[0])
                 goes_on = 1
+        elif found[0] <= self.goal[None] and self.on_host():
+            self.phase[None] = TILT
         elif found[0] <= self.goal[None]:
             for k in range(solver.count[None]):
                 solver.gain[k] = solver.gain[k] + of(solver.sums.image, k)
@@ -234,7 +262,7 @@ class JointExpansions(ImplicitExpansions):
     def tell_ground(self):
         """What has been found, for the substrate to keep."""
         solver = self.solver
-        for k in range(solver.count[None]):
+        for k in range(self.members()):
             i, p, bulge = self.exchange.members[k], self.exchange.entry[k], 0.0
             if solver.live[k] != 0:
                 bulge = self.rise[2 * p]

@@ -12,6 +12,8 @@ w is summed exactly, which is dear, and between two sums followed by the substra
 w_known + C (F - F_known).  Newton's steps solve (1 - M K + C K) s = -defect by conjugate gradients,
 as for the expansions alone: each of its products with M is followed by one with C, on the contacts
 with the substrate.  The passes over blocks of these stand between the passes over particles.
+
+(Loops count by themselves, for the sake of the time that the kernel takes to load.)
 """
 
 import math
@@ -122,18 +124,22 @@ class JointExpansions(ImplicitExpansions):
         elif ((phase == MATCH) | (phase == RAISE)) and self.on_host():
             self.phase[None] = WEIGH
         elif (phase == MATCH) | (phase == RAISE):
-            for k in range(solver.count[None]):
+            k = 0
+            while k < solver.count[None]:
                 self.press_on_ground(k)
                 solver.loaded[k] = solver.force[k] - solver.known[k]
+                k += 1
             self.asked[None], asks = WEIGH, 1
         elif phase == SPREAD and self.on_host():
             self.find_length(self.total()[1])
         elif phase == SPREAD:
-            for k in range(solver.count[None]):
+            k = 0
+            while k < solver.count[None]:
                 p = self.exchange.entry[k]
                 solver.loaded[k] = 0.0
                 if solver.live[k] != 0:
                     solver.loaded[k] = self.tangent[p] * self.next_direction(p)
+                k += 1
             self.asked[None], asks = ADVANCE, 1
         elif phase == RENEW:
             solver.renewed()
@@ -143,8 +149,10 @@ class JointExpansions(ImplicitExpansions):
         elif phase == EVALUATE:
             solver.tries[None] += 1
             self.exact[None] = 1
-            for k in range(solver.count[None]):
+            k = 0
+            while k < solver.count[None]:
                 self.given[self.exchange.entry[k]] = solver.reached(k)
+                k += 1
             self.phase[None] = WEIGH
         elif phase == WEIGH:
             asks = self.judge_all()
@@ -173,7 +181,8 @@ class JointExpansions(ImplicitExpansions):
         self.exact[None], self.defect[None], solver.tries[None] = 0, math.inf, 0
         if self.on_host():
             self.goal[None] = self.truth[None]
-        for k in range(self.members()):
+        k = 0
+        while k < self.members():
             self.exchange.tell(k, self.exchange.members[k])
             solver.base[k] -= solver.overlap[k]
             solver.overlap[k] = 0.0
@@ -182,6 +191,7 @@ class JointExpansions(ImplicitExpansions):
             solver.live[k] = ti.cast(near, ti.i32)
             solver.place(k)
             solver.keep_up(k, solver.anchored[k] == 0)
+            k += 1
 
     @ti.func
     def members(self):
@@ -203,15 +213,19 @@ class JointExpansions(ImplicitExpansions):
         solver.phase[None] = DONE
         curvature = self.total()[1]
         if self.asked[None] == WEIGH:
-            for k in range(solver.count[None]):
+            k = 0
+            while k < solver.count[None]:
                 p = self.exchange.entry[k]
                 self.given[p] = solver.base[k] - of(solver.sums.image, k)
+                k += 1
             self.phase[None] = WEIGH
         else:
-            for k in range(solver.count[None]):
+            k = 0
+            while k < solver.count[None]:
                 image = of(solver.sums.image, k)
                 self.given[self.exchange.entry[k]] = -image
                 curvature += solver.loaded[k] * image
+                k += 1
             self.find_length(curvature)
 
     @ti.func
@@ -220,10 +234,12 @@ class JointExpansions(ImplicitExpansions):
         summed."""
         found, goes_on, solver = self.total(), 0, self.solver
         if self.exact[None] != 0:
-            for k in range(solver.count[None]):
+            k = 0
+            while k < solver.count[None]:
                 if ti.static(self.exchange.finite):
                     if solver.force[k] != 0.0:
                         found[0] = ti.max(found[0], solver.tilt(k))
+                k += 1
             if found[0] <= self.truth[None]:
                 self.phase[None] = TILT
             elif solver.tries[None] >= MOST_EVALUATIONS:
@@ -235,8 +251,10 @@ class JointExpansions(ImplicitExpansions):
         elif found[0] <= self.goal[None] and self.on_host():
             self.phase[None] = TILT
         elif found[0] <= self.goal[None]:
-            for k in range(solver.count[None]):
+            k = 0
+            while k < solver.count[None]:
                 solver.gain[k] = solver.gain[k] + of(solver.sums.image, k)
+                k += 1
             solver.call_evaluation()
             self.phase[None] = EVALUATE
         elif self.made[None] == self.law.iterations:
@@ -250,10 +268,12 @@ class JointExpansions(ImplicitExpansions):
     def learn(self, error):
         """The model from here on, after a sum that was ``error`` away (m)."""
         solver = self.solver
-        for k in range(solver.count[None]):
+        k = 0
+        while k < solver.count[None]:
             solver.keep_up(k, error > SLOW * self.defect[None])
             solver.improve(k)
             solver.loaded[k] = 0.0
+            k += 1
         self.defect[None] = error
         self.goal[None] = ti.max(MODEL_ERROR * error, ENOUGH * self.truth[None])
         self.exact[None], self.made[None] = 0, 0
@@ -262,7 +282,8 @@ class JointExpansions(ImplicitExpansions):
     def tell_ground(self):
         """What has been found, for the substrate to keep."""
         solver = self.solver
-        for k in range(self.members()):
+        k = 0
+        while k < self.members():
             i, p, bulge = self.exchange.members[k], self.exchange.entry[k], 0.0
             if solver.live[k] != 0:
                 bulge = self.rise[2 * p]
@@ -271,3 +292,4 @@ class JointExpansions(ImplicitExpansions):
             self.exchange.hear(k, i)
             risen = ti.max(self.exchange.ground[i].expansion, 0.0)
             self.watch(vec2(bulge, risen))
+            k += 1

@@ -127,8 +127,9 @@ def draw(curves: dict[str, np.ndarray], reference: np.ndarray | None, folder: Pa
     lines = []
     if reference is not None:
         lines.append(("reference", reference[:, 0] * TIME_STEP, reference[:, 1], pale))
-    for colour, (name, curve) in zip(style.PALETTE, curves.items(), strict=False):
-        lines.append((name, curve[:, 1], curve[:, 3], style.line(colour, len(curve))))
+    for k, (name, curve) in enumerate(curves.items()):
+        look = style.line(style.PALETTE[k], len(curve)) | {"linestyle": "--" if k else "-"}
+        lines.append((name, curve[:, 1], curve[:, 3], look))
     drawing = style.figure(8.0, 3.4)
     over_time, over_way = drawing.subplots(1, 2, sharey=True)
     for name, time, force, look in lines:

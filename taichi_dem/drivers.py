@@ -169,14 +169,18 @@ class Drivers:
             self.expansions.decide()
         return self.expansions.phase[None]
 
+    def settle(self) -> None:
+        """The passes of the expansions, in parallel loops."""
+        self.begin_passes()
+        while self.make_pass() != DONE:
+            pass
+
     def loop(self, steps: int) -> int:
         """As :meth:`serial`, in parallel loops."""
         for made in range(1, steps + 1):
             self.find_surface()
             if self.solves:
-                self.begin_passes()
-                while self.make_pass() != DONE:
-                    pass
+                self.settle()
             if self.parallel() != 0:
                 return made
         return steps

@@ -23,7 +23,7 @@ from taichi_dem.forces import Coefficients, Forces
 from taichi_dem.geometry import Geometry
 from taichi_dem.grid import Grid, best_cell_size
 from taichi_dem.guards import SimulationStopped
-from taichi_dem.hosted import NO_EQUILIBRIUM, TOO_MANY_TOGETHER, HostedExchange
+from taichi_dem.hosted import NO_EQUILIBRIUM, HostedExchange
 from taichi_dem.integrate import Verlet
 from taichi_dem.joint import JointExpansions
 from taichi_dem.lagged import LaggedWatch
@@ -209,7 +209,9 @@ class Engine:
 
     def _solve_on_host(self, time_step: float) -> None:
         if self._host is not None:
-            self._host.update(self.contacts, time_step)
+            together = self.exchange is not None and self.exchange.together
+            settle = self.drivers.settle if together else None
+            self._host.update(self.contacts, time_step, settle)
         elif time_step > 0:
             self._let_dents_be(1)
 
@@ -354,8 +356,6 @@ class Engine:
             self.boundaries.enrol(self.contacts)
         if self.exchange is not None:
             self.exchange.enrol(self.contacts)
-            if self._host is not None and isinstance(self.expansions, JointExpansions):
-                self._host.give_up(TOO_MANY_TOGETHER)
         self.control.flags[STALE] = 0
         self.rebuilds += 1
         self.listing += time.perf_counter() - began

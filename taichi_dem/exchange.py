@@ -40,13 +40,14 @@ past_values = ti.types.vector(PAST, real)
 past_drifts = ti.types.vector(DRIFTS, real)
 
 
-def ground_type(finite: bool, extrapolates: bool) -> Any:
-    """What the substrate keeps for a particle."""
+def ground_type(finite: bool, extrapolates: bool, spreads: bool) -> Any:
+    """What the substrate keeps for a particle, whose own surface may rise, too (``spreads``)."""
+    # bulge: what it has risen there by the sphere's other contacts, m
+    more = {"bulge": real} if spreads else {}
     slopes = {"past_x": past_values, "past_y": past_values} if finite else {}
     return ti.types.struct(
         expansion=real,  # what the surface has risen, where the sphere touches it, by the others, m
         slope=vec2,  # the gradient of that
-        bulge=real,  # what the sphere's own surface has risen there by its other contacts, m
         force=real,  # elastic, N
         stored=real,  # in the surface, on account of this contact, J
         past=past_values,  # displacements of the last steps, latest first, m
@@ -54,6 +55,7 @@ def ground_type(finite: bool, extrapolates: bool) -> Any:
         drifts=ti.i32,  # how many of those there are
         **slopes,
         **(course_members() if extrapolates else {}),
+        **more,
         age=ti.i32,  # how many of them there are
         anchor=vec3,  # x, y (m) and squared contact radius (m2) that the solve's matrix is for
         anchored=ti.i32,
@@ -109,17 +111,19 @@ class Exchange:
         self.residual = max(substrate.residual, ROUND_OFF)
         self._soil, self._materials = substrate.material, materials
 
+        self.spreads = law.surface is not None
         n = particles.count
         self.extrapolates = substrate.exchange_every > 1
         if self.extrapolates:
             self.between, self._every = Extrapolation(self, builder), substrate.exchange_every
-        self.Ground = ground_type(self.finite, self.extrapolates)
+        self.Ground = ground_type(self.finite, self.extrapolates, self.spreads)
         self.ground, self._sorted_ground = self.Ground.field(), self.Ground.field()
         self.members, self.entry = ti.field(ti.i32), ti.field(ti.i32)
         self.enrolled = ti.field(ti.i32)
         self.History = history_type(effects)
         self.has_history, self.adhesion = bool(effects.history), effects.adhesion
-        self.spreads = law.surface is not None
+        self.together = self.spreads and not law.surface.lagged
+        self.surface_residual = law.surface.residual if self.together else 0.0
         self.noticed = ti.field(ti.i64)
         self.softness = ti.field(real)  # by material: 3/(4 E*), 1/Pa
         self.wave_speed, self.on_host = ti.field(real), ti.field(ti.i32)

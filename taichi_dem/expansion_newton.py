@@ -230,6 +230,11 @@ class ImplicitExpansions(ReciprocalExpansions):
         return self.rise[2 * p] + self.rise[2 * p + 1]
 
     @ti.func
+    def answers(self, p):
+        """What a direction raises."""
+        return self.risen(p)
+
+    @ti.func
     def weigh(self, i):
         """How far the overlaps are from what the forces make of them."""
         error, product, first = 0.0, 0.0, self.contacts.start[i]
@@ -258,7 +263,7 @@ class ImplicitExpansions(ReciprocalExpansions):
         for place in range(first, first + self.near_count[i]):
             p = self.near[place]
             direction = self.next_direction(p)
-            remainder = self.remainder[p] - self.length[None] * (direction - self.risen(p))
+            remainder = self.remainder[p] - self.length[None] * (direction - self.answers(p))
             self.direction[p], self.remainder[p] = direction, remainder
             self.step[p] = self.step[p] + self.length[None] * direction
             if self.tangent[p] > 0.0:

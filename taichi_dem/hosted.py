@@ -3,6 +3,7 @@ for all substrates that the kernel does not know.
 """
 
 import warnings
+from collections.abc import Callable
 
 import numpy as np
 
@@ -10,7 +11,7 @@ import halfspace
 from taichi_dem.contact_list import ContactList
 from taichi_dem.control import UNSOLVED
 from taichi_dem.creep import Creep
-from taichi_dem.exchange import CLOSE_POINTS, IN_KERNEL_CONTACTS, Exchange
+from taichi_dem.exchange import CLOSE_POINTS, Exchange
 from taichi_dem.members import Members, MembersOnHost
 from taichi_dem.periodic import wrapped
 from taichi_dem.substrate import Relaxation
@@ -26,9 +27,10 @@ NO_EQUILIBRIUM_ON_LAYER = (
     "stiffer than the layer's own, there is none: try a thicker layer, Hertz's law, or "
     'coupling="finite"; else a smaller time step'
 )
-TOO_MANY_TOGETHER = (
-    f"more than {IN_KERNEL_CONTACTS} spheres are near the substrate, too many to be solved for "
-    'together with their own surfaces. Try exchange="lagged" for the surface law'
+MOST_TURNS = 50
+NO_EQUILIBRIUM_TOGETHER = (
+    f"the substrate and the surfaces of the spheres found no equilibrium in {MOST_TURNS} turns. "
+    "Try a larger residual, a smaller time step, or to compress less"
 )
 TOO_WIDE_FOR_LAYER = (
     f"a contact is wider than {MOST_OF_LAYER:g} of the thickness of the layer below it, and its "
@@ -59,9 +61,12 @@ class HostedExchange:
         if self.creep is not None:
             self.creep.forget()
 
-    def update(self, contacts: ContactList, time_step: float) -> None:
+    def update(
+        self, contacts: ContactList, time_step: float, settle: Callable[[], None] | None = None
+    ) -> None:
         """Expansions and slopes for where the particles are now, ``time_step``, s, after the last
-        ones, unless these are to be extrapolated."""
+        ones, unless these are to be extrapolated; ``settle`` solves for the surfaces of spheres on
+        the substrate as it is, if they are to be solved for together."""
         if self.exchange.extrapolates:
             if self.exchange.control.step[None] < self.exchange.between.next[None]:
                 return
@@ -78,6 +83,8 @@ class HostedExchange:
                 warnings.filterwarnings("ignore", ".*wide for a layer")
                 if self.creep is None:
                     found = self._elastic(now, opening)
+                    if settle is not None:
+                        now, found = self._by_turns(now, found, opening, contacts, settle)
                 else:
                     found = self._creeping(self.creep, now, time_step)
         except halfspace.NotConverged as error:
@@ -162,6 +169,34 @@ class HostedExchange:
             shift=now.shift,
         )
 
+    def _by_turns(
+        self,
+        now: Members,
+        found: halfspace.Equilibrium,
+        opening: np.ndarray,
+        contacts: ContactList,
+        settle: Callable[[], None],
+    ) -> tuple[Members, halfspace.Equilibrium]:
+        """The substrate as the spheres' surfaces are, these as the substrate is, and so on, until
+        neither changes by more than the residual."""
+        exchange, n = self.exchange, len(opening)
+        before, after = np.empty((2, n))
+        self._bulges(n, contacts, before)
+        bare = now.overlap - before
+        residual = min(exchange.residual, exchange.surface_residual)
+        for _ in range(MOST_TURNS):
+            self._lend(n, found.overlap - now.overlap)
+            settle()
+            self._bulges(n, contacts, after)
+            change = np.abs(bare + after - now.overlap)
+            if change.max() <= residual * max(now.overlap.max(), found.overlap.max(), 0.0):
+                return now, found
+            now = now._replace(overlap=bare + after, shift=found.shift)
+            now = now._replace(expected=now.overlap - found.overlap)
+            found = self._elastic(now, opening)
+        self.give_up(NO_EQUILIBRIUM_TOGETHER)
+        return now, found
+
     def _creeping(self, creep: Creep, now: Members, time_step: float) -> halfspace.Equilibrium:
         assert self._plan is not None
         found = creep.solve(now.pressed, now.overlap, now.expected, time_step, self._plan)
@@ -193,6 +228,19 @@ class HostedExchange:
     def _note_course(self, n: ti.i32):
         for _ in range(1):
             self.exchange.note_course(n)
+
+    def _bulges(self, n: ti.i32, contacts: ti.template(), bulge: ti.types.ndarray()):
+        ti.loop_config(serialize=True)
+        for k in range(n):
+            i, p = self.exchange.members[k], self.exchange.entry[k]
+            bulge[k] = self.exchange.expansion_of(i, p, contacts)
+            self.exchange.ground[i].bulge = bulge[k]
+
+    @ti.kernel
+    def _lend(self, n: ti.i32, expansion: ti.types.ndarray()):
+        ti.loop_config(serialize=True)
+        for k in range(n):
+            self.exchange.ground[self.exchange.members[k]].expansion = expansion[k]
 
     @ti.kernel
     def _store(self, n: ti.i32, stored: ti.types.ndarray()):

@@ -12,6 +12,8 @@ w is summed exactly, which is dear, and between two sums followed by the substra
 w_known + C (F - F_known).  Newton's steps solve (1 - M K + C K) s = -defect by conjugate gradients,
 as for the expansions alone: each of its products with M is followed by one with C, on the contacts
 with the substrate.  The passes over blocks of these stand between the passes over particles.
+
+(Loops count by themselves, for the sake of the time that the kernel takes to load.)
 """
 
 import math
@@ -43,8 +45,9 @@ SMALL = 1e-7  # of the deepest overlap: as far a model in single precision can b
 
 @ti.data_oriented
 class JointExpansions(ImplicitExpansions):
-    """As ``ImplicitExpansions``, with the contacts of ``exchange``, a coupled substrate that is
-    solved in the kernel; its scratch fields count overlaps from d + M F on.
+    """As ``ImplicitExpansions``, with the contacts of ``exchange``, a coupled substrate, whose
+    scratch fields count overlaps from d + M F on.  A substrate that is solved for on the host is
+    taken as given, and the two take turns (:mod:`taichi_dem.hosted`).
 
     given     of each contact, m: what the substrate adds to it; while a direction is looked at,
               what it adds to that
@@ -86,12 +89,26 @@ class JointExpansions(ImplicitExpansions):
         lent = 0.0
         if j == SUBSTRATE:
             lent = -self.exchange.expected(i)
-        self.given[p] = 0.0
+            if self.on_host():
+                lent = self.exchange.ground[i].expansion
+        self.given[p] = lent
         return lent
 
     @ti.func
     def risen(self, p):
         return self.rise[2 * p] + self.rise[2 * p + 1] + self.given[p]
+
+    @ti.func
+    def answers(self, p):
+        answer = self.rise[2 * p] + self.rise[2 * p + 1]
+        if not self.on_host():
+            answer += self.given[p]
+        return answer
+
+    @ti.func
+    def on_host(self):
+        """Whether somebody else solves for the substrate, to be taken as given here."""
+        return self.exchange.on_host[None] != 0
 
     # -- between two passes ----------------------------------------------------------------------
 
@@ -104,17 +121,25 @@ class JointExpansions(ImplicitExpansions):
         if phase == MEET:
             self.meet_ground()
             self.phase[None] = MATCH
+        elif ((phase == MATCH) | (phase == RAISE)) and self.on_host():
+            self.phase[None] = WEIGH
         elif (phase == MATCH) | (phase == RAISE):
-            for k in range(solver.count[None]):
+            k = 0
+            while k < solver.count[None]:
                 self.press_on_ground(k)
                 solver.loaded[k] = solver.force[k] - solver.known[k]
+                k += 1
             self.asked[None], asks = WEIGH, 1
+        elif phase == SPREAD and self.on_host():
+            self.find_length(self.total()[1])
         elif phase == SPREAD:
-            for k in range(solver.count[None]):
+            k = 0
+            while k < solver.count[None]:
                 p = self.exchange.entry[k]
                 solver.loaded[k] = 0.0
                 if solver.live[k] != 0:
                     solver.loaded[k] = self.tangent[p] * self.next_direction(p)
+                k += 1
             self.asked[None], asks = ADVANCE, 1
         elif phase == RENEW:
             solver.renewed()
@@ -124,8 +149,10 @@ class JointExpansions(ImplicitExpansions):
         elif phase == EVALUATE:
             solver.tries[None] += 1
             self.exact[None] = 1
-            for k in range(solver.count[None]):
+            k = 0
+            while k < solver.count[None]:
                 self.given[self.exchange.entry[k]] = solver.reached(k)
+                k += 1
             self.phase[None] = WEIGH
         elif phase == WEIGH:
             asks = self.judge_all()
@@ -152,7 +179,10 @@ class JointExpansions(ImplicitExpansions):
         self.truth[None] = residual * self.scale[None]
         self.goal[None] = ti.max(ENOUGH * self.truth[None], SMALL * self.scale[None])
         self.exact[None], self.defect[None], solver.tries[None] = 0, math.inf, 0
-        for k in range(solver.count[None]):
+        if self.on_host():
+            self.goal[None] = self.truth[None]
+        k = 0
+        while k < self.members():
             self.exchange.tell(k, self.exchange.members[k])
             solver.base[k] -= solver.overlap[k]
             solver.overlap[k] = 0.0
@@ -161,6 +191,12 @@ class JointExpansions(ImplicitExpansions):
             solver.live[k] = ti.cast(near, ti.i32)
             solver.place(k)
             solver.keep_up(k, solver.anchored[k] == 0)
+            k += 1
+
+    @ti.func
+    def members(self):
+        """How many contacts there are to solve for here."""
+        return ti.select(self.on_host(), 0, self.solver.count[None])
 
     @ti.func
     def press_on_ground(self, k):
@@ -177,15 +213,19 @@ class JointExpansions(ImplicitExpansions):
         solver.phase[None] = DONE
         curvature = self.total()[1]
         if self.asked[None] == WEIGH:
-            for k in range(solver.count[None]):
+            k = 0
+            while k < solver.count[None]:
                 p = self.exchange.entry[k]
                 self.given[p] = solver.base[k] - of(solver.sums.image, k)
+                k += 1
             self.phase[None] = WEIGH
         else:
-            for k in range(solver.count[None]):
+            k = 0
+            while k < solver.count[None]:
                 image = of(solver.sums.image, k)
                 self.given[self.exchange.entry[k]] = -image
                 curvature += solver.loaded[k] * image
+                k += 1
             self.find_length(curvature)
 
     @ti.func
@@ -194,10 +234,12 @@ class JointExpansions(ImplicitExpansions):
         summed."""
         found, goes_on, solver = self.total(), 0, self.solver
         if self.exact[None] != 0:
-            for k in range(solver.count[None]):
+            k = 0
+            while k < solver.count[None]:
                 if ti.static(self.exchange.finite):
                     if solver.force[k] != 0.0:
                         found[0] = ti.max(found[0], solver.tilt(k))
+                k += 1
             if found[0] <= self.truth[None]:
                 self.phase[None] = TILT
             elif solver.tries[None] >= MOST_EVALUATIONS:
@@ -206,9 +248,13 @@ class JointExpansions(ImplicitExpansions):
             else:
                 self.learn(found[0])
                 goes_on = 1
+        elif found[0] <= self.goal[None] and self.on_host():
+            self.phase[None] = TILT
         elif found[0] <= self.goal[None]:
-            for k in range(solver.count[None]):
+            k = 0
+            while k < solver.count[None]:
                 solver.gain[k] = solver.gain[k] + of(solver.sums.image, k)
+                k += 1
             solver.call_evaluation()
             self.phase[None] = EVALUATE
         elif self.made[None] == self.law.iterations:
@@ -222,10 +268,12 @@ class JointExpansions(ImplicitExpansions):
     def learn(self, error):
         """The model from here on, after a sum that was ``error`` away (m)."""
         solver = self.solver
-        for k in range(solver.count[None]):
+        k = 0
+        while k < solver.count[None]:
             solver.keep_up(k, error > SLOW * self.defect[None])
             solver.improve(k)
             solver.loaded[k] = 0.0
+            k += 1
         self.defect[None] = error
         self.goal[None] = ti.max(MODEL_ERROR * error, ENOUGH * self.truth[None])
         self.exact[None], self.made[None] = 0, 0
@@ -234,7 +282,8 @@ class JointExpansions(ImplicitExpansions):
     def tell_ground(self):
         """What has been found, for the substrate to keep."""
         solver = self.solver
-        for k in range(solver.count[None]):
+        k = 0
+        while k < self.members():
             i, p, bulge = self.exchange.members[k], self.exchange.entry[k], 0.0
             if solver.live[k] != 0:
                 bulge = self.rise[2 * p]
@@ -243,3 +292,4 @@ class JointExpansions(ImplicitExpansions):
             self.exchange.hear(k, i)
             risen = ti.max(self.exchange.ground[i].expansion, 0.0)
             self.watch(vec2(bulge, risen))
+            k += 1

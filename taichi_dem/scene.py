@@ -131,11 +131,11 @@ class Scene:
                 "surface law's exchange 'lagged' too"
             )
             return [Problem("substrate.exchange", substrate.exchange, rule)]
-        if substrate.exchange == "none" or (substrate.homogeneous and self.period is None):
+        if substrate.relaxation is None:
             return []
         rule = (
-            "must be 'lagged' on a layer, ground that creeps, or one that repeats itself: spheres "
-            "and ground are solved together only on a half-space"
+            "must be 'lagged' on ground that creeps, whose equilibrium with the spheres' own "
+            "surfaces nothing solves for"
         )
         return [Problem("law.surface.exchange", surface.exchange, rule)]
 

@@ -47,7 +47,8 @@ class MultiContact:
 
     ``exchange``: solved together at each step ("implicit") or by the forces of the step before
     ("lagged").  The implicit solve takes at most ``iterations`` steps of Newton's to bring the
-    error of every effective overlap below ``residual`` of the largest overlap.
+    error of every effective overlap below ``residual`` of the largest overlap; an elastic substrate
+    takes part (:mod:`taichi_dem.joint`).
     """
 
     prefactor: float = parameter("-", "gamma", default=1.125, at_least=0)

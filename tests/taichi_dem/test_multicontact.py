@@ -352,15 +352,7 @@ def test_wrong_parameters_are_refused(given, what):
         dem.MultiContact(**given)
 
 
-def test_what_has_no_meaning_is_refused_with_the_reason():
+def test_a_surface_law_for_a_pair_is_refused_with_the_reason():
     surface = dem.MultiContact()
     with pytest.raises(dem.InputError, match="whole sphere"):
         dem.Law(dem.Hertz(0.9), surface=surface, pairs={("bead", "bead"): {"surface": surface}})
-    with pytest.raises(dem.InputError, match="must be 'none' with a surface law"):
-        scene(
-            np.array([[0.0, 0, 2 * R]]),
-            R,
-            BEAD,
-            law=with_surface(surface),
-            substrate=dem.Substrate(dem.Material("soil", 1000, 1e6, 0.45)),
-        )

@@ -237,11 +237,37 @@ def test_what_has_no_equilibrium_stops_the_run():
     assert np.isfinite(sim.particles.force).all()
 
 
+# -- through the host ------------------------------------------------------------------------------
+
+
 @pytest.mark.slow
-def test_more_contacts_than_the_kernel_solves_stop_the_run(monkeypatch):
+def test_more_contacts_than_the_kernel_solves(monkeypatch):
     monkeypatch.setattr(exchange_module, "IN_KERNEL_CONTACTS", 6)
-    with pytest.raises(dem.InputError, match="too many to be solved for together"):
-        dem.Simulation(on_ground(), dt=1e-5, driver="serial")
+    sim = dem.Simulation(on_ground(), dt=STILL, driver="serial")
+    assert sim._engine.exchange.hosted
+    assert_equal_to_the_twin(sim, sim.scene.spheres.position)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("ground", "rest"),
+    [({"layer": dem.Layer(4 * R)}, {}), ({}, {"period": (12 * R, 13 * R)})],
+    ids=["layer", "periodic"],
+)
+def test_energy_is_conserved_through_the_host(ground, rest):
+    place, velocity = pile(overlap=0.02)
+    setup = on_ground(None, {"residual": 1e-10, **ground}, place, **rest)
+    sim = dem.Simulation(setup, dt=2e-5, driver="serial")
+    largest, steps = [], 50
+    for _ in range(3):
+        restart(sim, velocity=velocity, dt=0.01 / steps)
+        parts = watch(sim, steps, steps // 50, lambda sim: list(sim.energy().values()))
+        names = list(sim.energy())
+        largest.append(np.abs(parts[:, names.index("balance_error")]).max())
+        steps *= 2
+    assert np.abs(parts[:, names.index("expansion")]).max() > 10 * largest[-1]
+    assert np.abs(parts[:, names.index("substrate")]).max() > 10 * largest[-1]
+    assert np.all(order_of(largest) > 1.8)
 
 
 # -- drivers ---------------------------------------------------------------------------------------
@@ -295,8 +321,11 @@ def test_drivers_and_threads_give_the_same_bits():
     ("ground", "rest", "what"),
     [
         ({"exchange": "lagged"}, {}, "substrate.exchange"),
-        ({"layer": dem.Layer(0.1)}, {}, "law.surface.exchange"),
-        ({}, {"period": (0.1, 0.1)}, "law.surface.exchange"),
+        (
+            {"coupling": "point", "relaxation": dem.Relaxation(5e4, 0.01)},
+            {},
+            "law.surface.exchange",
+        ),
     ],
 )
 def test_what_is_not_solved_together_is_refused(ground, rest, what):

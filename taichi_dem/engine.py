@@ -287,7 +287,7 @@ class Engine:
             "contacts": None if begins else self._contacts_on_file(),
         }
 
-    def _contacts_on_file(self) -> dict[str, Any] | None:
+    def _contacts_on_file(self) -> tuple[np.ndarray, np.ndarray] | None:
         """What contacts remember, which friction, rolling, yielding or adhesion make them do."""
         if not (self.effects.history or self.effects.adhesion):
             return None
@@ -296,7 +296,7 @@ class Engine:
 
     # -- lists -----------------------------------------------------------------------------------
 
-    def rebuild(self, remember: bool = True, filed: dict[str, Any] | None = None) -> None:
+    def rebuild(self, remember: bool = True, filed: Any = None) -> None:
         """Make the contact list anew; what the contacts remember goes along, or what was
         ``filed``."""
         began = time.perf_counter()

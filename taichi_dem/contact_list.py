@@ -121,6 +121,8 @@ class ContactList:
             self.number = ti.field(ti.i32)
             builder.dense(ti.i, particles).place(self.number)
         self.tree = builder.finalize()
+        filed = [getattr(self, name, None) for name in ("old_partner", "old_history", "old_result")]
+        self._numbers = [one for field in filed if field is not None for one in _scalars(field)]
 
     def count(self) -> int:
         """How many contacts are on the list, touching or not."""
@@ -141,32 +143,46 @@ class ContactList:
             number += self.touching[self.incidence[q] >> 1] != APART
         return number
 
-    def filed(self) -> dict[str, Any]:
+    def filed(self) -> tuple[np.ndarray, np.ndarray]:
         """What is on file (see ``Neighbors.save``), for :meth:`put_on_file`."""
-        return {name: getattr(self, name).to_numpy() for name in self._on_file()}
+        places = np.empty((self.particles, 2), np.int32)
+        numbers = np.empty((self.count(), len(self._numbers)))
+        self._read_file(places, numbers)
+        return places, numbers
 
-    def put_on_file(self, kept: dict[str, Any]) -> None:
-        """That of a list that was as long as this one, or shorter."""
-        for name in self._on_file():
-            field = getattr(self, name)
-            field.from_numpy(_as_long(kept[name], field.shape[0]))
+    def put_on_file(self, kept: tuple[np.ndarray, np.ndarray]) -> None:
+        """That of a list that had no more contacts than this one has room for."""
+        self._write_file(*kept)
 
-    def _on_file(self) -> list[str]:
-        names = ["old_start", "old_end", "old_partner"]
-        names += ["old_history"] if self.has_history else []
-        return names + (["old_result"] if self.recalls else [])
+    @ti.kernel
+    def _read_file(self, places: ti.types.ndarray(), numbers: ti.types.ndarray()):
+        for row in range(self.particles):
+            places[row, 0], places[row, 1] = self.old_start[row], self.old_end[row]
+        for p in range(numbers.shape[0]):
+            for k in ti.static(range(len(self._numbers))):
+                numbers[p, k] = self._numbers[k][p]
+
+    @ti.kernel
+    def _write_file(self, places: ti.types.ndarray(), numbers: ti.types.ndarray()):
+        for row in range(self.particles):
+            self.old_start[row], self.old_end[row] = places[row, 0], places[row, 1]
+        for p in range(numbers.shape[0]):
+            for k in ti.static(range(len(self._numbers))):
+                number = ti.static(self._numbers[k])
+                number[p] = ti.cast(numbers[p, k], number.dtype)
 
     def inherit(self, other: "ContactList") -> None:
         """Take over what a smaller list has on file."""
         _copy_file(other, self)
 
 
-def _as_long(array: Any, length: int) -> Any:
-    if isinstance(array, dict):  # of a struct
-        return {name: _as_long(member, length) for name, member in array.items()}
-    longer = np.zeros((length, *array.shape[1:]), array.dtype)
-    longer[: len(array)] = array
-    return longer
+def _scalars(field: Any) -> list[Any]:
+    """The scalar fields that a field consists of."""
+    if hasattr(field, "keys"):
+        return [one for name in field.keys for one in _scalars(field.get_member_field(name))]
+    if isinstance(field, ti.MatrixField):
+        return [field.get_scalar_field(k) for k in range(field.n)]
+    return [field]
 
 
 @ti.kernel

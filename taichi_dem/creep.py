@@ -118,9 +118,9 @@ class Creep:
 
     def wait(self, time_step: float) -> None:
         """Let a step pass without a sphere near the ground."""
-        nobody, nothing = Pressed.nobody(), np.empty(0)
-        self._leave(nobody, nothing)
-        if len(self._dents):
+        if len(self._spheres.ids) or len(self._dents.ids):
+            nobody, nothing = Pressed.nobody(), np.empty(0)
+            self._leave(nobody, nothing)
             self._pass(nobody, nothing, time_step)
 
     def _pass(self, spheres: Pressed, force: np.ndarray, time_step: float) -> None:

@@ -308,7 +308,7 @@ class Engine:
             "contacts": contacts,
         }
 
-    def _contacts_on_file(self) -> dict[str, Any] | None:
+    def _contacts_on_file(self) -> tuple[np.ndarray, np.ndarray] | None:
         """What contacts remember, which friction, rolling, yielding or adhesion make them do; None
         at the start, where they only know what their forces at rest tell them."""
         remembers = self.effects.history or self.effects.adhesion
@@ -319,7 +319,7 @@ class Engine:
 
     # -- lists -----------------------------------------------------------------------------------
 
-    def rebuild(self, remember: bool = True, filed: dict[str, Any] | None = None) -> None:
+    def rebuild(self, remember: bool = True, filed: Any = None) -> None:
         """Make the contact list anew; what the contacts remember goes along, or what was
         ``filed``."""
         began = time.perf_counter()

@@ -80,7 +80,7 @@ class HostedExchange:
             return
         try:
             with warnings.catch_warnings():  # the exchange says it itself, and counts
-                warnings.filterwarnings("ignore", ".*wide for a layer")
+                warnings.filterwarnings("ignore", ".*(wide for a layer|size counts)")
                 if self.creep is None:
                     found = self._elastic(now, opening)
                     if settle is not None:
@@ -124,14 +124,14 @@ class HostedExchange:
         if self.creep is not None:
             stored, self.in_dents = self.creep.stored(now.pressed, now.force, plan)
         else:
-            a = now.contact_radius
+            a = self._size(now)
             stored = now.force * plan.apply(now.force, a) - plan.energy(now.force, a)
         self._store(len(stored), stored)
 
     def _lagged(self, now: Members, plan: halfspace.Plan) -> None:
         """The surface as the forces of the last step leave it."""
         plan.refresh(now.place + now.shift)
-        sunk, slope = plan.displacement(now.force, now.contact_radius)
+        sunk, slope = plan.displacement(now.force, self._size(now))
         depth = now.overlap - sunk - (now.shift**2).sum(axis=1) / (2 * now.radius)
         self._take(len(depth), depth, depth - now.overlap, self._members.law(depth)[0], slope)
         self._look_for_close_points(now, depth)
@@ -153,6 +153,10 @@ class HostedExchange:
         ti.loop_config(serialize=True)
         for k in range(n):
             self.exchange.watch_neighbours(self.exchange.members[k], square[k])
+
+    def _size(self, now: Members) -> np.ndarray | None:
+        """Contact radii (n,) m, where they count."""
+        return now.contact_radius if self.exchange.finite else None
 
     def _elastic(self, now: Members, opening: np.ndarray) -> halfspace.Equilibrium:
         return halfspace.solve(
@@ -199,9 +203,7 @@ class HostedExchange:
 
     def _creeping(self, creep: Creep, now: Members, time_step: float) -> halfspace.Equilibrium:
         assert self._plan is not None
-        found = creep.solve(now.pressed, now.overlap, now.expected, time_step, self._plan)
-        self._plan.warn_of_points(np.sqrt(now.radius * np.maximum(found.overlap, 0.0)))
-        return found
+        return creep.solve(now.pressed, now.overlap, now.expected, time_step, self._plan)
 
     @ti.kernel
     def _settle(self, n: ti.i32, contacts: ti.template(), opening: ti.types.ndarray()):

@@ -115,7 +115,8 @@ def _settled(
     choice = choose(scene, duration, error)
     for line in choice.words():
         print(line, flush=True)
-    plan = dataclasses.replace(plan, dt=choice.settings.step, duration=duration, steps=None)
+    step = min(choice.settings.step, duration)
+    plan = dataclasses.replace(plan, dt=step, duration=duration, steps=None)
     return choice.settings.applied(scene), plan, {"asked_error": choice.summary()}
 
 

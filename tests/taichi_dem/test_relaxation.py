@@ -180,7 +180,7 @@ def test_a_guard_s_stop_brings_back_the_memory(sim):
 def test_points_too_close_for_that_are_warned_of(sim):
     position = sim.scene.spheres.position.copy()
     position[:, 2] = 0.7 * R
-    with pytest.warns(UserWarning, match="below 6 radii"):
+    with pytest.warns(RuntimeWarning, match="closer than 6 of their radii"):
         restart(creeping(sim), position, dt=1e-7).run(steps=1)
     assert sim.warnings["close_points"] == N
 

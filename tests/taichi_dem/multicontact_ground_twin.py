@@ -6,17 +6,16 @@ is added.
 """
 
 import numpy as np
-from multicontact_twin import influence
+from multicontact_twin import SWELLINGS, effective_radius, influence
 from scipy.optimize import root
 
 
-def stiffness(met, bodies, soil):
+def stiffness(met, bodies, soil, swollen=0.0):
     """K of F = K D^1.5; ``soil`` is the material of the ground."""
     bead = (1 - bodies.nu**2) / bodies.modulus
     ground = (1 - soil.poissons_ratio**2) / soil.youngs_modulus
     other = np.where(met.j >= 0, bead, ground)
-    partner = np.where(met.j >= 0, bodies.radius[met.j], np.inf)
-    return 4 / 3 / (bead + other) / np.sqrt(1 / bodies.radius[met.i] + 1 / partner)
+    return 4 / 3 / (bead + other) * np.sqrt(effective_radius(met, bodies, swollen))
 
 
 def of_surface(place, force, square, soil):
@@ -35,9 +34,20 @@ def of_surface(place, force, square, soil):
 
 def equilibrium(met, bodies, position, soil, finite, symmetric=True):
     """Forces (c,), effective overlaps (c,), M, and what the ground does: displacement with its tilt
-    (g,) and energy held there."""
+    (g,) and energy held there.  Not ``symmetric``: as LIGGGHTS has it."""
+    swollen, later = 0.0, np.maximum(met.i, met.j)
+    for _ in range(1 if symmetric else SWELLINGS):
+        of_each = influence(met, bodies, symmetric, swollen)
+        hertz = stiffness(met, bodies, soil, swollen)
+        found = balance(met, bodies, position, soil, finite, of_each.sum(axis=0), hertz)
+        expansion = (of_each @ found[0])[later, np.arange(len(later))]
+        swollen = np.where(met.j >= 0, expansion, 0.0)
+    return found
+
+
+def balance(met, bodies, position, soil, finite, raised, hertz):
+    """:func:`equilibrium` with what is ``raised`` by a force (c, c) and ``hertz``, K (c,)."""
     ground = np.flatnonzero(met.j < 0)
-    raised, hertz = influence(met, bodies, symmetric).sum(axis=0), stiffness(met, bodies, soil)
     spheres = met.i[ground]
     home, radius = position[spheres, :2], bodies.radius[spheres]
     softness = bodies.radius[spheres] / hertz[ground] * np.sqrt(radius)  # R / (4/3 E*)

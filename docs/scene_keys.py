@@ -26,6 +26,7 @@ BEGIN, END = "<!-- keys: made by scene_keys.py -->\n", "<!-- end of keys -->\n"
 TOP = {
     "gravity": "[x, y, z], m/s²; [0, 0, -9.81] if left out",
     "period": "[Lx, Ly], m: sides of a cell that repeats itself along x and y; none if left out",
+    "sleep": "true: clusters at rest are left out until they are touched; false if left out",
     "materials": "a table for each material, by name",
     "spheres": "where the spheres are",
     "boundaries": "a list of walls",
@@ -63,6 +64,7 @@ WORDS = {
     "program": "[[time, way], ...], s and m along the normal; linear in between",
     "coupling": '"finite" or "point"',
     "exchange": '"implicit", "lagged" or "none"',
+    "exchange_every": "steps from one exchange to the next, extrapolated in between",
     "layer": "table: a layer on a rigid base",
     "relaxation": "table: ground that creeps",
     "force_lagged": "a lagged exchange goes on where it diverges",

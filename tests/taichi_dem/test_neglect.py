@@ -126,17 +126,18 @@ def test_only_what_can_be_turned_on_is_looked_at():
     def names(one):
         return [candidate.name for candidate in neglect._candidates(neglect._bare(one))]
 
+    points = ["finite contact size", "multi-contact"]
     assert names(pressed(exchange="none")) == ["substrate coupling", "multi-contact"]
-    assert names(pressed(coupling="point")) == ["finite contact size"]
-    creeps = dem.Relaxation(relaxed_modulus=1e6, retardation_time=1.0)
-    assert names(pressed(coupling="point", relaxation=creeps)) == ["finite contact size"]
-    assert names(pressed(coupling="point", exchange="lagged")) == ["finite contact size"]
-    assert names(pressed()) == []
-    assert not neglect.applicable(pressed())
+    assert names(pressed(coupling="point")) == points
+    assert names(pressed(coupling="point", exchange="lagged")) == points
+    assert names(pressed()) == ["multi-contact"]
+    creeping = dem.Relaxation(relaxed_modulus=0.5 * STIFF.youngs_modulus, retardation_time=0.1)
+    creeps = pressed(coupling="point", relaxation=creeping)
+    assert names(creeps) == ["finite contact size"]  # multi-contact is only lagged there
+    whole = dataclasses.replace(pressed(), law=dem.Law(dem.Hertz(0.5), surface=dem.MultiContact()))
+    assert names(whole) == [] and not neglect.applicable(whole)
     sticky = dem.Law(dem.JKR(restitution=0.5, work_of_adhesion=0.01))
-    assert names(dataclasses.replace(pressed(exchange="none"), law=sticky)) == [
-        "substrate coupling"
-    ]
+    assert names(dataclasses.replace(pressed(), law=sticky)) == ["multi-contact"]
 
 
 def test_where_nothing_can_act_nothing_is_compiled(running, monkeypatch):

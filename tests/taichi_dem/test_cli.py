@@ -232,7 +232,10 @@ def test_mistakes_are_told_in_the_words_of_the_file(scene, capsys):
     scene.write_text(SCENE.replace("[law]", "[law]\nsurface = {type = 'MultiContact'}"))
     pair = 'law.pairs=[{materials=["glass", "gel"], rolling={work_of_adhesion=1}}]'
     for settings, said in (
-        (["law.normal={type='JKR', work_of_adhesion=1, restitution=1}"], "law.surface = { type = "),
+        (
+            ["law.pairs=[{materials=['glass', 'gel'], surface={prefactor=1}}]"],
+            "law.pairs[0].surface = { type = ",
+        ),
         (
             ["law.rolling={type='CDTJKR', adhesion_hysteresis=1}"],
             "law.rolling.work_of_adhesion: is",

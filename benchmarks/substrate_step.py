@@ -8,6 +8,7 @@ from benchmarks import bed as beds
 from benchmarks.report import Figure
 
 EXCHANGES = ("none", "implicit")
+WARM_UP = 5.0  # s, after the first steps
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -29,9 +30,7 @@ def _size(count: int, grounded: int, options: argparse.Namespace) -> list[Figure
         dem.Simulation(beds.scene(bed, exchange=exchange), dt=beds.TIME_STEP)
         for exchange in EXCHANGES
     ]
-    for simulation in simulations:
-        _cost(simulation, 50)
-    steps = [max(int(options.seconds / _cost(simulation, 50)), 2) for simulation in simulations]
+    steps = [max(int(options.seconds / _warm(simulation)), 2) for simulation in simulations]
     turns = [
         [_cost(simulation, n) for simulation, n in zip(simulations, steps, strict=True)]
         for _ in range(options.rounds)
@@ -47,6 +46,14 @@ def _size(count: int, grounded: int, options: argparse.Namespace) -> list[Figure
     ]
     ratios = [turn[1] / turn[0] for turn in turns]
     return [*figures, Figure.median(f"{count} spheres, ratio of the two", ratios, "")]
+
+
+def _warm(simulation) -> float:
+    """Seconds of a step, once everything is compiled and the ways to make steps have been tried."""
+    cost, start = _cost(simulation, 50), time.perf_counter()
+    while time.perf_counter() - start < WARM_UP:
+        cost = _cost(simulation, 50)
+    return cost
 
 
 def _cost(simulation, steps: int) -> float:

@@ -8,7 +8,6 @@ from benchmarks import bed as beds
 from benchmarks.report import Figure
 
 EXCHANGES = ("none", "implicit")
-WARM_UP = 5.0  # s, after the first steps
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -16,6 +15,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-g", "--grounded", type=int, nargs="+", default=[60, 1000])
     parser.add_argument("--rounds", type=int, default=5, help="turns of each")
     parser.add_argument("--seconds", type=float, default=2.0, help="length of a turn")
+    parser.add_argument("--warm-up", type=float, default=5.0, help="s, after the first steps")
 
 
 def run(options: argparse.Namespace) -> list[Figure]:
@@ -30,7 +30,9 @@ def _size(count: int, grounded: int, options: argparse.Namespace) -> list[Figure
         dem.Simulation(beds.scene(bed, exchange=exchange), dt=beds.TIME_STEP)
         for exchange in EXCHANGES
     ]
-    steps = [max(int(options.seconds / _warm(simulation)), 2) for simulation in simulations]
+    steps = [
+        max(int(options.seconds / _warm(simulation, options)), 2) for simulation in simulations
+    ]
     turns = [
         [_cost(simulation, n) for simulation, n in zip(simulations, steps, strict=True)]
         for _ in range(options.rounds)
@@ -48,10 +50,10 @@ def _size(count: int, grounded: int, options: argparse.Namespace) -> list[Figure
     return [*figures, Figure.median(f"{count} spheres, ratio of the two", ratios, "")]
 
 
-def _warm(simulation) -> float:
+def _warm(simulation, options: argparse.Namespace) -> float:
     """Seconds of a step, once everything is compiled and the ways to make steps have been tried."""
     cost, start = _cost(simulation, 50), time.perf_counter()
-    while time.perf_counter() - start < WARM_UP:
+    while time.perf_counter() - start < options.warm_up:
         cost = _cost(simulation, 50)
     return cost
 

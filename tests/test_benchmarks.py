@@ -38,7 +38,7 @@ def settled(bed):
         ("rebuild", "-n", str(FEW), "--rounds", "2", "--steps", "20", "--patience", "0"),
         ("memory", "-n", str(2 * FEW)),
         ("startup", "-n", str(FEW), "--rounds", "1", "--patience", "0"),
-        ("substrate_step", "-n", str(FEW), "-g", str(FEW // 4), *QUICK),
+        ("substrate_step", "-n", str(FEW), "-g", str(FEW // 4), "--warm-up", "0", *QUICK),
         ("law_costs", "-n", str(FEW), "--laws", "JKR", "EEPA, Mindlin, CDT", *QUICK),
         pytest.param(
             ("effect_costs", "-n", str(FEW), "--scenes", "powder", *QUICK), marks=pytest.mark.slow

@@ -231,6 +231,7 @@ class HostedExchange:
         for _ in range(1):
             self.exchange.note_course(n)
 
+    @ti.kernel
     def _bulges(self, n: ti.i32, contacts: ti.template(), bulge: ti.types.ndarray()):
         ti.loop_config(serialize=True)
         for k in range(n):

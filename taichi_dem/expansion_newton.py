@@ -315,7 +315,13 @@ class ImplicitExpansions(ReciprocalExpansions):
             self.judge()
         elif phase == SPREAD:
             self.find_length(self.total()[1])
-        elif phase == ADVANCE:
+        else:
+            self.go_on(phase)
+
+    @ti.func
+    def go_on(self, phase):
+        """After the passes that end alike with and without a substrate."""
+        if phase == ADVANCE:
             self.turn_on()
         elif phase == STEP:
             self.phase[None] = RAISE

@@ -96,7 +96,7 @@ class Extrapolation:
             ground.rate = (now - ground.last) / ti.max(steps, 1.0)
         ground.last, ground.solved = now, ground.force
         if ground.force != 0.0:
-            overlap = body.radius - body.position[2] + ground.expansion
+            overlap = self.exchange.overlap(i) + ground.expansion
             # Adhesive laws grow stiff without bound where they let go: that is no oscillation.
             tangent = self.exchange.law(k, ti.max(overlap, 0.0))[1]
             time = ti.cast(self.every[None], real) * self.control.time_step[None]
@@ -121,10 +121,10 @@ class Extrapolation:
         """The ground under contact ``p`` at a step that is not solved for."""
         if self.control.step[None] != self.since[None]:
             i, history = contacts.ends[p].i, self.exchange.History()
-            ground, body = self.exchange.ground[i], self.exchange.particles.body[i]
+            ground = self.exchange.ground[i]
             steps = ti.cast(self.control.step[None] - self.since[None], real)
             now = ground.last + steps * ground.rate
-            overlap = body.radius - body.position[2] + now[0]
+            overlap = self.exchange.overlap(i) + now[0]
             if ti.static(self.exchange.has_history):
                 history = contacts.history[p]
             if ti.static(self.exchange.adhesion):

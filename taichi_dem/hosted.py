@@ -67,9 +67,8 @@ class HostedExchange:
         """Expansions and slopes for where the particles are now, ``time_step``, s, after the last
         ones, unless these are to be extrapolated; ``settle`` solves for the surfaces of spheres on
         the substrate as it is, if they are to be solved for together."""
-        if self.exchange.extrapolates:
-            if self.exchange.control.step[None] < self.exchange.between.next[None]:
-                return
+        if self.exchange.extrapolates and self.steps_to_next(self.exchange.control.step[None]) > 0:
+            return
         opening = np.empty(self.exchange.count)
         self._settle(len(opening), contacts, opening)
         now = self._members.now()

@@ -31,7 +31,6 @@ from taichi_dem.expansion_newton import (
     MEET,
     RAISE,
     SPREAD,
-    STEP,
     TILT,
     WEIGH,
     ImplicitExpansions,
@@ -157,12 +156,8 @@ class JointExpansions(ImplicitExpansions):
         elif phase == WEIGH:
             asks = self.judge_all()
             self.asked[None] = WEIGH
-        elif phase == ADVANCE:
-            self.turn_on()
-        elif phase == STEP:
-            self.phase[None] = RAISE
         else:
-            self.phase[None] = DONE
+            self.go_on(phase)
         if asks != 0:
             solver.sums.gather_loads(solver.loaded)
             self.phase[None] = RENEW if solver.stale[None] != 0 else APPLY

@@ -136,7 +136,7 @@ def depths(values: np.ndarray) -> tuple[Any, Any]:
     lowest, raised = top(values), top(-values) if np.any(values < 0) else 0.0
     if raised <= RAISED * lowest:
         return pale_blues(), Normalize(0.0, lowest)
-    down = colormaps["Blues"](np.linspace(0.0, 0.72, 256))
+    down = pale_blues()(np.linspace(0.0, 1.0, 256))
     up = colormaps["Greens"](np.linspace(0.55, 0.0, 256))
     return ListedColormap(np.concatenate([up, down])), TwoSlopeNorm(0.0, -raised, lowest)
 

@@ -196,14 +196,20 @@ def start(threads, script=SCRIPT):
     )
 
 
-def test_threads_and_drivers_give_the_same_bits():
-    """A bed with every parallel path in use, a piston and a coupled substrate, by one and by two
-    threads, by every driver."""
-    runs = [start(threads) for threads in (1, 2)]
+def same_lines(script=SCRIPT):
+    """What one thread prints, which two threads must print too."""
+    runs = [start(threads, script) for threads in (1, 2)]
     lines = []
     for run in runs:
         out, errors = run.communicate()
         assert run.returncode == 0, errors
         lines.append(out.splitlines())
     assert lines[0] == lines[1]
-    assert len(lines[0]) == 3 and len(set(lines[0])) == 1
+    return lines[0]
+
+
+def test_threads_and_drivers_give_the_same_bits():
+    """A bed with every parallel path in use, a piston and a coupled substrate, by one and by two
+    threads, by every driver."""
+    lines = same_lines()
+    assert len(lines) == 3 and len(set(lines)) == 1

@@ -6,7 +6,7 @@ from multicontact_ground_twin import equilibrium
 from multicontact_twin import Bodies, contacts
 from scipy.optimize import root
 from setups import order_of, restart, rigid, scene, watch
-from test_determinism import start
+from test_determinism import same_lines
 
 import halfspace
 import taichi_dem as dem
@@ -306,14 +306,8 @@ def rubbing():
 
 @pytest.mark.slow
 def test_drivers_and_threads_give_the_same_bits():
-    runs = [start(threads, SCRIPT) for threads in (1, 2)]
-    lines = []
-    for run in runs:
-        out, errors = run.communicate()
-        assert run.returncode == 0, errors
-        lines.append(out.splitlines())
-    assert lines[0] == lines[1]
-    assert len(lines[0]) == 6 and all(len(set(lines[0][k : k + 3])) == 1 for k in (0, 3))
+    lines = same_lines(SCRIPT)
+    assert len(lines) == 6 and all(len(set(lines[k : k + 3])) == 1 for k in (0, 3))
 
 
 # -- refusals --------------------------------------------------------------------------------------

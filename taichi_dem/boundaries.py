@@ -137,36 +137,36 @@ class Boundaries:
     @ti.kernel
     def _write(
         self,
-        faces: ti.types.ndarray(),
-        motions: ti.types.ndarray(),
-        table: ti.types.ndarray(),
+        faces: ti.types.ndarray(dtype=ti.types.vector(12, ti.f64), ndim=1),
+        motions: ti.types.ndarray(dtype=ti.types.vector(10, ti.f64), ndim=1),
+        table: ti.types.ndarray(dtype=ti.types.vector(2, ti.f64), ndim=2),
     ):
         ti.loop_config(serialize=True)
         for f in range(faces.shape[0]):
+            row = faces[f]
             for axis in ti.static(range(3)):
-                self.face[f].origin[axis] = faces[f, axis]
-                self.face[f].point[axis] = faces[f, axis]
-                self.face[f].normal[axis] = faces[f, 3 + axis]
-                self.face[f].velocity[axis] = faces[f, 6 + axis]
-            self.face[f].inverse_mass = faces[f, 9]
-            self.face[f].material = ti.cast(faces[f, 10], ti.i32)
-            self.face[f].boundary = ti.cast(faces[f, 11], ti.i32)
+                self.face[f].origin[axis] = self.face[f].point[axis] = row[axis]
+                self.face[f].normal[axis] = row[3 + axis]
+                self.face[f].velocity[axis] = row[6 + axis]
+            self.face[f].inverse_mass = row[9]
+            self.face[f].material = ti.cast(row[10], ti.i32)
+            self.face[f].boundary = ti.cast(row[11], ti.i32)
         ti.loop_config(serialize=True)
         for b in range(motions.shape[0]):
+            row = motions[b]
             for axis in ti.static(range(3)):
-                self.motion[b].direction[axis] = motions[b, axis]
-            self.motion[b].speed = motions[b, 3]
-            self.motion[b].load = motions[b, 4]
-            self.motion[b].inverse_mass = motions[b, 5]
-            self.motion[b].rows = ti.cast(motions[b, 6], ti.i32)
-            self.motion[b].final_speed = motions[b, 7]
-            self.motion[b].moves = ti.cast(motions[b, 8], ti.i32)
-            self.motion[b].approach = motions[b, 9]
+                self.motion[b].direction[axis] = row[axis]
+            self.motion[b].speed, self.motion[b].load = row[3], row[4]
+            self.motion[b].inverse_mass = row[5]
+            self.motion[b].rows = ti.cast(row[6], ti.i32)
+            self.motion[b].final_speed = row[7]
+            self.motion[b].moves = ti.cast(row[8], ti.i32)
+            self.motion[b].approach = row[9]
             self.motion[b].travel = self.motion[b].push = 0.0
             self.motion[b].work = self.motion[b].enrolled = 0.0
-            for row in range(table.shape[1]):
+            for entry in range(table.shape[1]):
                 for column in ti.static(range(2)):
-                    self.table[b, row, column] = table[b, row, column]
+                    self.table[b, entry, column] = table[b, entry][column]
 
     def _approach(self, b: int) -> float:
         direction = np.array(self._travels[b].direction)
@@ -185,16 +185,19 @@ class Boundaries:
 
     def read(self) -> np.ndarray:
         """Travel, speed, push and work of each boundary: what changes in a run."""
-        values = np.empty((self.count, 4))
-        self._copy(values, False)
+        values = np.zeros((self.count, 4))
+        if self.any_moves:
+            self._copy(values, False)
         return values
 
     def write(self, values: np.ndarray) -> None:
         """Take back what :meth:`read` gave."""
-        self._copy(values, True)
+        if self.any_moves:
+            self._copy(values, True)
 
     @ti.kernel
     def _copy(self, values: ti.types.ndarray(), inward: ti.template()):
+        ti.loop_config(serialize=True)
         for b in range(self.count):
             if ti.static(inward):
                 self.motion[b].travel, self.motion[b].speed = values[b, 0], values[b, 1]
@@ -203,6 +206,7 @@ class Boundaries:
                 values[b, 0], values[b, 1] = self.motion[b].travel, self.motion[b].speed
                 values[b, 2], values[b, 3] = self.motion[b].push, self.motion[b].work
         if ti.static(inward):
+            ti.loop_config(serialize=True)
             for f in range(self.face_count):
                 motion = self.motion[self.face[f].boundary]
                 self.face[f].velocity = motion.speed * motion.direction

@@ -37,6 +37,7 @@ from taichi_dem.types import ti
 from taichi_dem.views import ParticleState, contact_records
 
 CONTACTS_PER_PARTICLE = 4  # of the first list; it regrows
+SPARE_CONTACTS = 2000  # on top: they cost nothing, and few spheres never need to search twice
 PAIRS_PER_PARTICLE = 60  # of its contacts; likewise
 GROWTH = 1.3
 REORDER_ABOVE = 300  # particles: fewer are close together in the cache in any order
@@ -105,7 +106,8 @@ class Engine:
         self._trees.append(self.grid.tree)
         self.lost, self.rebuilds, self.listing = 0.0, 0, 0.0
         self._pairs = PAIRS_PER_PARTICLE * spheres.count + 64
-        self._make_list(CONTACTS_PER_PARTICLE * spheres.count + 64)
+        self._listed = False  # nothing, so far
+        self._make_list(CONTACTS_PER_PARTICLE * spheres.count + SPARE_CONTACTS)
         self._start()
 
     def restart(self, spheres: Spheres, time_step: float, motion: np.ndarray | None = None) -> None:
@@ -328,7 +330,9 @@ class Engine:
         if self.skin.rebuilt(self.step):
             self.grid.cell_size[None] = self._set_skin()
         self.lost += self.energy.loss(True)
-        self.neighbors.save(remember)
+        if self._listed:
+            self.neighbors.save(remember)
+        self._listed = True
         if filed is not None:
             self.contacts.put_on_file(filed)
         if self.expansions is not None:

@@ -148,7 +148,6 @@ class Exchange:
         """Write the constants, after the fields have been placed."""
         self.solver.fill(self.residual)
         self.wave_speed[None] = self._soil.shear_wave_speed
-        self.enrolled.fill(-1)
         if self.extrapolates:
             self.between.every[None] = self._every
             self.between.forget()
@@ -178,8 +177,8 @@ class Exchange:
             last = contacts.start[i + 1] - 1
             if last >= contacts.start[i] and contacts.ends[last].j == SUBSTRATE:
                 self.members[number], self.entry[number] = i, last
-                if self.enrolled[number] != row:
-                    self.enrolled[number] = row
+                if self.enrolled[number] != row + 1:  # (0: nobody yet)
+                    self.enrolled[number] = row + 1
                     others = 1
                 number += 1
             else:
@@ -195,7 +194,7 @@ class Exchange:
     def forget(self) -> None:
         """Start without a past, as for a state that no step has led to; to be enrolled anew."""
         self.ground.fill(0)
-        self.enrolled.fill(-1)
+        self.enrolled.fill(0)
         if self.extrapolates:
             self.between.forget()
 

@@ -34,6 +34,7 @@ class Neighbors:
         self.walls = boundaries.face_count
         self.room = contacts.room
         self.adhesion, self.reach = effects.adhesion, effects.reach
+        self._crowded = False
 
     # -- history ---------------------------------------------------------------------------------
 
@@ -87,50 +88,70 @@ class Neighbors:
 
     # -- search ----------------------------------------------------------------------------------
 
-    @ti.kernel
-    def count(self) -> ti.i32:
-        """Where each particle's contacts will start; returns how many there are.
+    def count(self) -> int:
+        """Where each particle's contacts will start; returns how many there are."""
+        total, most = self._count()
+        self._crowded = most > self.room
+        return total
 
-        What is found is kept; only a particle with more partners than there is room for searches
-        again in :meth:`fill`.
-        """
+    def fill(self) -> None:
+        """List the contacts, recall their history, and say for each particle which it is in."""
+        if self._crowded:
+            self._search_again()
+        self._fill()
+
+    @ti.kernel
+    def _count(self) -> ti.types.vector(2, ti.i32):
+        """How many contacts there are in all, and of one particle at most; those for which there is
+        ``room`` are kept."""
         ti.loop_config(serialize=self.particles.few)
         for s in range(self.particles.count):
             i = self.grid.particle[s]
             self.contacts.start[i] = self.search(
                 s, i, self.contacts.found, i * self.room, self.room
             )
-        total = 0
+        total, most = 0, 0
         ti.loop_config(serialize=True)
         for i in range(self.particles.count):
             own = self.contacts.start[i]
             self.contacts.incidence_start[i] = own
             self.contacts.start[i] = total
             total += own
+            most = ti.max(most, own)
         self.contacts.start[self.particles.count] = total
-        return total
+        return ti.Vector([total, most])
 
     @ti.kernel
-    def fill(self):
-        """List the contacts, recall their history, and say for each particle which it is in."""
+    def _search_again(self):
+        """For particles with more partners than there was room for."""
+        ti.loop_config(serialize=self.particles.few)
+        for s in range(self.particles.count):
+            i = self.grid.particle[s]
+            first, end = self.contacts.start[i], self.contacts.start[i + 1]
+            if end - first > self.room:
+                self.search(s, i, self.contacts.ends.j, first, end - first)
+
+    @ti.kernel
+    def _fill(self):
         ti.loop_config(serialize=self.particles.few)
         for s in range(self.particles.count):
             i = self.grid.particle[s]
             first, end = self.contacts.start[i], self.contacts.start[i + 1]
             self.particles.reference[i] = self.particles.body[i].position
-            if end - first > self.room:
-                self.search(s, i, self.contacts.ends.j, first, end - first)
-            else:
-                for p in range(first, end):
-                    self.contacts.ends[p].j = self.contacts.found[i * self.room + p - first]
+            p = first
+            while p < end and end - first <= self.room:
+                self.contacts.ends[p].j = self.contacts.found[i * self.room + p - first]
+                p += 1
             row = self.particles.spin[i].id
             filed, filed_end = self.contacts.old_start[row], self.contacts.old_end[row]
-            for p in range(first, end):
+            p = first
+            while p < end:
                 self.contacts.ends[p].i = i
                 j = self.contacts.ends[p].j
                 self.recall(p, j, filed, filed_end)
                 if j >= 0:
                     ti.atomic_add(self.contacts.incidence_start[j], 1)
+                p += 1
         total = 0
         ti.loop_config(serialize=True)
         for i in range(self.particles.count):
@@ -233,6 +254,8 @@ class Neighbors:
         first, end = self.contacts.incidence_start[i], self.contacts.incidence_start[i + 1]
         for q in range(first, end):
             place, name = first, names[q]
-            for other in range(first, end):
+            other = first
+            while other < end:
                 place += names[other] < name
+                other += 1
             self.contacts.incidence[place] = self.contacts.found[q]

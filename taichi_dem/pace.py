@@ -66,22 +66,35 @@ class Skin:
 class Pace:
     """Chooses between ways to make the same steps by timing them.
 
-    ``together``: whether threads run at the same time, as a team must; it is asked only where a
-    team may pay.
+    ``together``: whether threads run at the same time, as a team must; it is asked before the first
+    step, and only where a team may pay.
     """
 
     def __init__(self, particles: int, asked: str, together: Callable[[], bool]):
-        self._ways = [asked]
-        if asked == "auto":
-            self._ways = ["serial"]
-            if particles >= SERIAL_BELOW and together():
-                self._ways = ["serial", "team"] if particles < LOOPS_ABOVE else list(WAYS)
-            if particles > PARALLEL_ABOVE and len(self._ways) > 1:
-                self._ways = ["parallel"]
-        elif asked == "team" and not together():
-            self._ways = ["parallel"]
-        self.driver = self._ways[0]
+        self._particles, self._asked, self._together = particles, asked, together
+        self._ways: list[str] = []
         self._trial_steps = max(TRIAL_STEPS, TRIAL_WORK // particles)
+        self._trials: list[str] = []
+
+    @property
+    def driver(self) -> str:
+        """Which way is the fastest, as far as is known."""
+        if not self._ways:
+            self._begin()
+        return self._fastest
+
+    def _begin(self) -> None:
+        """Find out which ways there are."""
+        self._ways = [self._asked]
+        if self._asked == "auto":
+            self._ways = ["serial"]
+            if self._particles >= SERIAL_BELOW and self._together():
+                self._ways = ["serial", "team"] if self._particles < LOOPS_ABOVE else list(WAYS)
+            if self._particles > PARALLEL_ABOVE and len(self._ways) > 1:
+                self._ways = ["parallel"]
+        elif self._asked == "team" and not self._together():
+            self._ways = ["parallel"]
+        self._fastest = self._ways[0]
         self._begin_trials()
 
     def _begin_trials(self) -> None:
@@ -91,14 +104,15 @@ class Pace:
 
     def advance(self, steps: int, ways: dict[str, Callable[[int], int]]) -> int:
         """Make at most ``steps`` steps; returns how many were made."""
+        driver = self.driver
         if self._trials:
             return self._try(steps, ways)
         start = time.perf_counter()
-        made = ways[self.driver](min(steps, BURST) if self.driver == "team" else steps)
+        made = ways[driver](min(steps, BURST) if driver == "team" else steps)
         end = time.perf_counter()
         cost = (end - start) / max(made, 1)
         # A bed may have settled, or others may have come to use the cores.
-        disturbed = cost > DISTURBED * self._cost.get(self.driver, cost)
+        disturbed = cost > DISTURBED * self._cost.get(driver, cost)
         if disturbed or end - self._tried > TRIAL_LASTS:
             self._begin_trials()
         return made
@@ -114,6 +128,6 @@ class Pace:
         self._cost[name] = min(cost, self._cost.get(name, cost))
         self._trials.pop(0)
         if not self._trials:
-            self.driver = min(self._cost, key=lambda tried: self._cost[tried])
+            self._fastest = min(self._cost, key=lambda tried: self._cost[tried])
             self._tried = time.perf_counter()
         return made

@@ -18,7 +18,8 @@ import math
 from halfspace.finite import INNER, TOUCHING
 from taichi_dem.types import real, ti
 
-LANES = 8  # rows of a block, side by side in the processor's vectors
+SHIFT = 3
+LANES = 1 << SHIFT  # rows of a block, side by side in the processor's vectors
 lanes = ti.types.vector(LANES, real)
 narrow_lanes = ti.types.vector(LANES, ti.f32)
 PairKernel = ti.types.struct(value=real, by_size=real, twice_by_size=real, by_square=real)
@@ -27,7 +28,7 @@ PairKernel = ti.types.struct(value=real, by_size=real, twice_by_size=real, by_sq
 @ti.func
 def of(field: ti.template(), k):
     """What contact ``k`` has in a field by blocks and lanes."""
-    return field[k // LANES, k % LANES]
+    return field[k >> SHIFT, k & (LANES - 1)]
 
 
 @ti.func
@@ -126,51 +127,45 @@ class PairSums:
             if first + lane < self.count[None] and self.force[first + lane] != 0.0:
                 own += 1.0
         for j in range(self.sources[None]):
-            at_x, at_y, force = self.source_x[j], self.source_y[j], self.source_force[j]
+            dx, dy, force = x - self.source_x[j], y - self.source_y[j], self.source_force[j]
+            r2 = dx * dx + dy * dy
+            fall = lanes(0.0)
             if ti.static(self.finite):
                 size, moment = self.source_square[j], self.source_moment[j]
-                for lane in ti.static(range(LANES)):
-                    dx, dy = x[lane] - at_x, y[lane] - at_y
-                    r2 = dx * dx + dy * dy
-                    apart = r2 > TOUCHING * (square[lane] + size)
-                    inverse = ti.select(apart, 1.0 / ti.sqrt(r2), 0.0)
-                    left_out[lane] += ti.select(apart, 0.0, 1.0)
-                    inverse2 = inverse * inverse
-                    cubed = inverse * inverse2
-                    fifth = cubed * inverse2
-                    near[lane] += force * inverse + moment * cubed
-                    steep[lane] += force * cubed
-                    fall = force * (cubed + 0.3 * square[lane] * fifth) + 3.0 * moment * fifth
-                    slope_x[lane] += fall * dx
-                    slope_y[lane] += fall * dy
+                apart = r2 > TOUCHING * (square + size)
+                inverse = ti.select(apart, 1.0 / ti.sqrt(r2), lanes(0.0))
+                left_out += ti.select(apart, lanes(0.0), lanes(1.0))
+                inverse2 = inverse * inverse
+                cubed = inverse * inverse2
+                fifth = cubed * inverse2
+                near += force * inverse + moment * cubed
+                steep += force * cubed
+                fall = force * (cubed + 0.3 * square * fifth) + 3.0 * moment * fifth
             else:
-                for lane in ti.static(range(LANES)):
-                    dx, dy = x[lane] - at_x, y[lane] - at_y
-                    r2 = dx * dx + dy * dy
-                    inverse = ti.select(r2 > 0.0, 1.0 / ti.sqrt(r2), 0.0)
-                    near[lane] += force * inverse
-                    fall = force * (inverse * inverse * inverse)
-                    slope_x[lane] += fall * dx
-                    slope_y[lane] += fall * dy
-                    nearest[lane] = ti.min(nearest[lane], ti.select(r2 > 0.0, r2, math.inf))
+                apart = r2 > 0.0
+                inverse = ti.select(apart, 1.0 / ti.sqrt(r2), lanes(0.0))
+                near += force * inverse
+                fall = force * (inverse * inverse * inverse)
+                nearest = ti.min(nearest, ti.select(apart, r2, lanes(math.inf)))
+            slope_x += fall * dx
+            slope_y += fall * dy
         unit = self.compliance[None]
-        for lane in ti.static(range(LANES)):
-            sunk = near[lane] + square[lane] / 6.0 * steep[lane]
-            self.displacement[block, lane] = unit * sunk
-        for lane in ti.static(range(LANES)):
-            potential = near[lane] + square[lane] / 10.0 * steep[lane]
-            self.potential[block, lane] = unit * potential
-        for lane in ti.static(range(LANES)):
-            self.slope_x[block, lane] = unit * slope_x[lane]
-        for lane in ti.static(range(LANES)):
-            self.slope_y[block, lane] = unit * slope_y[lane]
+        self.put(block, self.displacement, unit * (near + square / 6.0 * steep))
+        self.put(block, self.potential, unit * (near + square / 10.0 * steep))
+        self.put(block, self.slope_x, unit * slope_x)
+        self.put(block, self.slope_y, unit * slope_y)
         if ti.static(not self.finite):
-            for lane in ti.static(range(LANES)):
-                self.nearest[block, lane] = nearest[lane]
+            self.put(block, self.nearest, nearest)
         if ti.static(self.finite):
             if left_out.sum() > own:
                 for lane in range(ti.min(LANES, self.count[None] - first)):
                     self.add_overlapping(block, lane)
+
+    @ti.func
+    def put(self, block, field: ti.template(), values):
+        """Write the lanes of a block; side by side, so that they stay in the vectors."""
+        for lane in ti.static(range(LANES)):
+            field[block, lane] = values[lane]
 
     @ti.func
     def add_overlapping(self, block, lane):
@@ -202,9 +197,10 @@ class PairSums:
         j = 0
         while j < self.count[None]:
             if all_of_it + self.moved[j] > 0:
-                for lane in range(LANES):
+                lane = 0
+                while lane < ti.min(LANES, self.count[None] - first):
                     self.matrix[block, j, lane] = ti.cast(self.influence(first + lane, j), ti.f32)
-
+                    lane += 1
             j += 1
 
     @ti.func
@@ -244,5 +240,4 @@ class PairSums:
             j, load = self.load_place[q], self.load[q]
             for lane in ti.static(range(LANES)):
                 sums[lane] += self.matrix[block, j, lane] * load
-        for lane in ti.static(range(LANES)):
-            self.image[block, lane] = self.unit[None] * ti.cast(sums[lane], real)
+        self.put(block, self.image, self.unit[None] * ti.cast(sums, real))

@@ -10,6 +10,8 @@ Body = ti.types.struct(position=vec3, radius=real, velocity=vec3, inverse_mass=r
 Spin = ti.types.struct(omega=vec3, material=ti.i32, id=ti.i32)
 Load = ti.types.struct(force=vec3, torque=vec3)
 
+Rows = ti.types.ndarray(dtype=ti.types.vector(3, ti.f64), ndim=1)
+
 FEW = 3000  # for these, to wake the threads costs a rebuild more than they save
 
 
@@ -44,6 +46,8 @@ class Particles:
     def fill(self, spheres: Spheres) -> None:
         """Write the scene's spheres into the fields, in the user's order."""
         mass, material = self._constant
+        rank = np.empty(self.count, np.int32)
+        rank[np.argsort(spheres.radius, kind="stable")] = np.arange(self.count)
         self._fill(
             spheres.position,
             spheres.velocity,
@@ -51,31 +55,28 @@ class Particles:
             spheres.radius,
             1 / mass,
             np.ascontiguousarray(material, np.int32),
+            rank,
         )
-        rank = np.empty(self.count, np.int32)
-        rank[np.argsort(spheres.radius, kind="stable")] = np.arange(self.count)
-        self.rank.from_numpy(rank)
 
     @ti.kernel
     def _fill(
         self,
-        position: ti.types.ndarray(),
-        velocity: ti.types.ndarray(),
-        omega: ti.types.ndarray(),
+        position: Rows,
+        velocity: Rows,
+        omega: Rows,
         radius: ti.types.ndarray(),
         inverse_mass: ti.types.ndarray(),
         material: ti.types.ndarray(),
+        rank: ti.types.ndarray(),
     ):
         for i in range(self.count):
-            for axis in ti.static(range(3)):
-                self.body[i].position[axis] = position[i, axis]
-                self.body[i].velocity[axis] = velocity[i, axis]
-                self.spin[i].omega[axis] = omega[i, axis]
-            self.body[i].radius = radius[i]
-            self.body[i].inverse_mass = inverse_mass[i]
+            self.body[i].position, self.body[i].velocity = position[i], velocity[i]
+            self.body[i].radius, self.body[i].inverse_mass = radius[i], inverse_mass[i]
+            self.spin[i].omega = omega[i]
             self.spin[i].material = material[i]
             self.spin[i].id = i
             self.index_of[i] = i
+            self.rank[i] = rank[i]
 
     def read(self) -> dict[str, np.ndarray]:
         """Position, velocity, omega, force and torque, each (n, 3), in the user's order."""
@@ -85,46 +86,27 @@ class Particles:
         return arrays
 
     @ti.kernel
-    def _read(
-        self,
-        position: ti.types.ndarray(),
-        velocity: ti.types.ndarray(),
-        omega: ti.types.ndarray(),
-        force: ti.types.ndarray(),
-        torque: ti.types.ndarray(),
-    ):
+    def _read(self, position: Rows, velocity: Rows, omega: Rows, force: Rows, torque: Rows):
         for i in range(self.count):
             row = self.spin[i].id
-            for axis in ti.static(range(3)):
-                position[row, axis] = self.body[i].position[axis]
-                velocity[row, axis] = self.body[i].velocity[axis]
-                omega[row, axis] = self.spin[i].omega[axis]
-                force[row, axis] = self.load[i].force[axis]
-                torque[row, axis] = self.load[i].torque[axis]
+            position[row], velocity[row] = self.body[i].position, self.body[i].velocity
+            omega[row] = self.spin[i].omega
+            force[row], torque[row] = self.load[i].force, self.load[i].torque
 
     @ti.kernel
-    def write(
-        self,
-        position: ti.types.ndarray(),
-        velocity: ti.types.ndarray(),
-        omega: ti.types.ndarray(),
-    ):
+    def write(self, position: Rows, velocity: Rows, omega: Rows):
         """Put the particles somewhere else; each array (n, 3), in the user's order."""
         for i in range(self.count):
             row = self.spin[i].id
-            for axis in ti.static(range(3)):
-                self.body[i].position[axis] = position[row, axis]
-                self.body[i].velocity[axis] = velocity[row, axis]
-                self.spin[i].omega[axis] = omega[row, axis]
+            self.body[i].position, self.body[i].velocity = position[row], velocity[row]
+            self.spin[i].omega = omega[row]
 
     @ti.kernel
-    def write_load(self, force: ti.types.ndarray(), torque: ti.types.ndarray()):
+    def write_load(self, force: Rows, torque: Rows):
         """Forces and torques without gravity, each (n, 3), in the user's order."""
         for i in range(self.count):
             row = self.spin[i].id
-            for axis in ti.static(range(3)):
-                self.load[i].force[axis] = force[row, axis]
-                self.load[i].torque[axis] = torque[row, axis]
+            self.load[i].force, self.load[i].torque = force[row], torque[row]
 
     @ti.kernel
     def reorder(self, order: ti.template()):

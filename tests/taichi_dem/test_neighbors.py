@@ -210,6 +210,7 @@ def test_a_list_that_outgrows_its_room_loses_nothing(monkeypatch):
     runs = []
     for share, growth in ((40, 1.3), (0, 1.1)):
         monkeypatch.setattr(engine_module, "CONTACTS_PER_PARTICLE", share)
+        monkeypatch.setattr(engine_module, "SPARE_CONTACTS", 64)
         monkeypatch.setattr(engine_module, "GROWTH", growth)
         sim, seen = dem.Simulation(setup), []
         for _ in range(10):

@@ -87,7 +87,7 @@ class PairSums:
         builder.dense(ti.i, rows).place(self.load_place)
         self.load, self.matrix = ti.field(ti.f32), ti.field(ti.f32)
         builder.dense(ti.i, rows).place(self.load)
-        builder.dense(ti.ijk, (blocks, rows, LANES)).place(self.matrix)
+        builder.dense(ti.ij, (blocks, rows)).dense(ti.k, LANES).place(self.matrix)
 
     def fill(self) -> None:
         """Write the constants, after the fields have been placed."""

@@ -83,18 +83,25 @@ class Pace:
             self._begin()
         return self._fastest
 
+    @driver.setter
+    def driver(self, name: str) -> None:
+        self._choose_among([name])
+
     def _begin(self) -> None:
         """Find out which ways there are."""
-        self._ways = [self._asked]
+        ways = [self._asked]
         if self._asked == "auto":
-            self._ways = ["serial"]
+            ways = ["serial"]
             if self._particles >= SERIAL_BELOW and self._together():
-                self._ways = ["serial", "team"] if self._particles < LOOPS_ABOVE else list(WAYS)
-            if self._particles > PARALLEL_ABOVE and len(self._ways) > 1:
-                self._ways = ["parallel"]
+                ways = ["serial", "team"] if self._particles < LOOPS_ABOVE else list(WAYS)
+            if self._particles > PARALLEL_ABOVE and len(ways) > 1:
+                ways = ["parallel"]
         elif self._asked == "team" and not self._together():
-            self._ways = ["parallel"]
-        self._fastest = self._ways[0]
+            ways = ["parallel"]
+        self._choose_among(ways)
+
+    def _choose_among(self, ways: list[str]) -> None:
+        self._ways, self._fastest = ways, ways[0]
         self._begin_trials()
 
     def _begin_trials(self) -> None:

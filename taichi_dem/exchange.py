@@ -94,13 +94,13 @@ class Exchange:
         law,
         effects: Effects,
         coefficients,
-        material: int,
         materials: Sequence[Material],
         control: Control,
         builder: "ti.FieldsBuilder",
     ):
         self.particles, self.control = particles, control
-        self.normal, self.table, self.material = law.normal, coefficients.table, material
+        self.normal, self.table = law.normal, coefficients.table
+        self.material = materials.index(substrate.material)
         self.lagged, self.finite = substrate.exchange == "lagged", substrate.coupling == "finite"
         self.halfspace = ground_of(substrate, period)
         # Only there where every pair of contacts has one and the same simple kernel.

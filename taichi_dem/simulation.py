@@ -12,22 +12,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from halfspace import backend
-from taichi_dem.contact_list import FIRST_FACE, SUBSTRATE
-from taichi_dem.contacts.elasticity import effective_youngs_modulus
 from taichi_dem.effects import Effects, effects_of
 from taichi_dem.engine import Engine
 from taichi_dem.exchange import ground_of
 from taichi_dem.forces import Coefficients
+from taichi_dem.ground_view import substrate_state
 from taichi_dem.guards import FARTHEST_STEP, SimulationStopped
 from taichi_dem.memory import by_effect
 from taichi_dem.pace import WAYS
 from taichi_dem.periodic import narrow_problem
-from taichi_dem.pressed import Pressed
 from taichi_dem.scene import Scene, Spheres
 from taichi_dem.schedule import Schedule, interruptible
 from taichi_dem.time_step import StableStep, stable_time_step
 from taichi_dem.validation import InputError, Problem, Range, number_problem, unknown
-from taichi_dem.views import BoundaryState, ParticleState, SubstrateState
+from taichi_dem.views import BoundaryState, ParticleState, SubstrateState, boundary_states
 from taichi_dem.writing import Output
 
 if TYPE_CHECKING:
@@ -113,7 +111,7 @@ class Simulation:
         }
         self._coefficients = coefficients
         self._stepping = self._writing = 0.0  # s of wall time
-        self._ground = ground_of(scene.substrate, scene.period) if scene.substrate else None
+        self._surface = ground_of(scene.substrate, scene.period) if scene.substrate else None
         self.dt, self.dt_reason = self._choose_step(dt)
         try:
             self._engine = Engine(scene, effects, coefficients, self.dt, driver, max_overlap, skin)
@@ -224,9 +222,9 @@ class Simulation:
     @property
     def stable(self) -> StableStep:
         """The stable step of the scene, and what sets it."""
-        base, ground = 0.0, self._ground
-        if ground is not None and (ground.layer is not None or ground.period is not None):
-            base = min(0.0, float(ground.matrix(np.zeros((1, 2)))[0, 0]))
+        base, surface = 0.0, self._surface
+        if surface is not None and (surface.layer is not None or surface.period is not None):
+            base = min(0.0, float(surface.matrix(np.zeros((1, 2)))[0, 0]))
         return stable_time_step(self.scene, self._coefficients, base)
 
     def _refuse_step(self, dt: float | None, spheres: Spheres) -> None:
@@ -265,7 +263,7 @@ class Simulation:
 
     def _watch(self) -> None:
         """Warn where the substrate's assumptions fail."""
-        for name, count in self._engine.doubts().items():
+        for name, count in self._engine.ground.doubts().items():
             if count > self.warnings.get(name, 0):
                 self._warn(name, WARNINGS[name], count)
 
@@ -377,7 +375,7 @@ class Simulation:
 
     def _exchange_summary(self) -> dict[str, float]:
         """How far its cheaper ways are from failing."""
-        lag, exchange = self._engine.lag, self._engine.exchange
+        lag, exchange = self._engine.ground.lag, self._engine.exchange
         if lag is not None:
             return {"lagged_spectral_radius": lag.largest}
         if exchange is not None and exchange.extrapolates:
@@ -390,73 +388,12 @@ class Simulation:
         return self._memo[name]
 
     def _substrate_state(self) -> SubstrateState:
-        records = self.contacts()
-        records = records[records["j"] == SUBSTRATE]
-        rows = records["i"]
-        force, expansion = records["force"][:, 2], np.zeros(len(rows))
-        slope = np.zeros((len(rows), 2))
-        if self._engine.exchange is not None:
-            force, expansion, slope = (values[rows] for values in self._engine.exchange.read())
-        load, overlap, creep = force, records["overlap"], self._engine.creep
-        dents = np.empty((0, 2)), np.empty(0), np.empty(0)
-        if creep is not None:
-            load, dents = creep.load(rows, force), creep.dents(rows)
-            overlap = creep.depth(self._pressed(rows), force)
-        return SubstrateState(
-            particle=rows,
-            position=self.particles.position[rows, :2],
-            force=force,
-            expansion=expansion,
-            slope=slope,
-            contact_radius=self._contact_radius(rows, overlap),
-            load=load,
-            dent_position=dents[0],
-            dent_load=dents[1],
-            dent_radius=dents[2],
-            ground=self._ground,
-        )
-
-    def _pressed(self, rows: np.ndarray) -> Pressed:
-        """The spheres ``rows`` on the ground."""
-        spheres, ground = self.scene.spheres, self.scene.substrate
-        assert ground is not None
-        moduli = [effective_youngs_modulus(kind, ground.material) for kind in spheres.materials]
-        which = spheres.material_index[rows]
-        place = self.particles.position[rows, :2]
-        return Pressed(rows, place, spheres.radius[rows], np.array(moduli)[which])
-
-    def _contact_radius(self, rows: np.ndarray, overlap: np.ndarray) -> np.ndarray:
-        """Of contacts of the spheres ``rows`` with the substrate, m."""
-        scene, radius = self.scene, self.scene.spheres.radius[rows]
-        if not self.effects.adhesion:
-            return np.sqrt(radius * overlap)
-        assert scene.substrate is not None
-        law, soil = scene.law, scene.substrate.material
-        kinds = [
-            law.between("normal", material.name, soil.name) for material in scene.spheres.materials
-        ]
-        k = [
-            kind.coefficients(material, soil)
-            for kind, material in zip(kinds, scene.spheres.materials, strict=True)
-        ]
-        which = scene.spheres.material_index[rows]
-        found = [
-            law.normal.contact_radius(k[m], r, d)
-            for m, r, d in zip(which, radius, overlap, strict=True)
-        ]
-        return np.array(found)
+        assert self._surface is not None
+        ground, records = self._engine.ground, self.contacts()
+        return substrate_state(self.scene, ground, self._surface, self.particles, records)
 
     def _boundary_states(self) -> list[BoundaryState]:
-        records = self.contacts()
-        states = []
-        for b in range(self._engine.boundaries.count):
-            mine = records[records["j"] == FIRST_FACE - b]
-            position, velocity = self._engine.boundaries.state(b)
-            torque = np.cross(mine["position"] - position, -mine["force"]).sum(axis=0)
-            if self.effects.rolling:
-                torque -= mine["torque"].sum(axis=0)
-            states.append(BoundaryState(-mine["force"].sum(axis=0), torque, position, velocity))
-        return states
+        return boundary_states(self._engine.boundaries, self.contacts())
 
     def _energy_parts(self) -> dict[str, float]:
         return self._once("energy", self._engine.energy_parts)

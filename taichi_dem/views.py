@@ -157,3 +157,16 @@ def contact_records(
     for name, values in named.items():
         records[name] = values
     return records
+
+
+def boundary_states(boundaries: Boundaries, records: np.ndarray) -> list[BoundaryState]:
+    """One for each boundary, from all the contact ``records``."""
+    states = []
+    for b in range(boundaries.count):
+        mine = records[records["j"] == FIRST_FACE - b]
+        position, velocity = boundaries.state(b)
+        torque = np.cross(mine["position"] - position, -mine["force"]).sum(axis=0)
+        if "torque" in mine.dtype.names:
+            torque -= mine["torque"].sum(axis=0)
+        states.append(BoundaryState(-mine["force"].sum(axis=0), torque, position, velocity))
+    return states

@@ -18,7 +18,7 @@ LAYERS = {
     "kernels": "types control particles effects contact_list grid neighbors boundaries geometry "
     "expansions reciprocal expansion_newton forces pair_sums coupling extrapolation exchange "
     "joint pressed creep members hosted lagged integrate meeting drivers energy guards views sleep "
-    "pace engine memory",
+    "pace ground ground_view on_list good_state engine memory",
     "simulation": "schedule simulation moments neglect",
     "outputs": "style wording snapshot frames progress output bed dents plot",
     "tools": "folder run cost check settings record accuracy orders closed_form worker workers "
@@ -35,6 +35,7 @@ LAYER_OF = {module: layer for layer, modules in LAYERS.items() for module in mod
 LAZILY = {("scene_file", "contacts.law")}  # laws by name, where a file is read
 HALFSPACE_IN = {
     "exchange": {"halfspace"},
+    "ground_view": {"halfspace"},
     "hosted": {"halfspace"},
     "lagged": {"halfspace"},
     "creep": {"halfspace"},

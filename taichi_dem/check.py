@@ -92,7 +92,7 @@ def what_there_is(scene: Scene) -> Iterator[tuple[str, str]]:
         sides = (quantity(side, "m") for side in scene.period)
         yield "period", "{} along x, {} along y".format(*sides)
     if scene.substrate is not None:
-        from taichi_dem.exchange import FAST_IMPACT
+        from taichi_dem.doubts import FAST_IMPACT
 
         soil = scene.substrate.material
         speed = soil.shear_wave_speed

@@ -190,9 +190,8 @@ class CoupledSolve:
             force, tangent = 0.0, 0.0
             if self.effective[k] > self.opening[k]:
                 answer = law(k, self.effective[k])
-                force, tangent = answer[0], ti.max(answer[1], 0.0)
+                force, tangent = answer[0], answer[1]
             self.force[k], self.tangent[k] = force, tangent
-
             k += 1
 
     @ti.func

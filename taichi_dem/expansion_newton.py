@@ -18,9 +18,8 @@ import math
 from typing import Any
 
 from taichi_dem.contact_list import APART
-from taichi_dem.contacts.contact import at_rest
+from taichi_dem.contacts.contact import at_rest, force_while_solved, hold_while_solved
 from taichi_dem.control import OVERPRESSED
-from taichi_dem.exchange import HELD_BEYOND
 from taichi_dem.reciprocal import ReciprocalExpansions
 from taichi_dem.types import real, ti, vec2, vec3
 
@@ -135,16 +134,11 @@ class ImplicitExpansions(ReciprocalExpansions):
 
     @ti.func
     def settle(self, p, i, touched):
-        """Decide whether contact ``p`` holds, and where its force ends: while forces are solved for
-        none jumps, so that there is an equilibrium."""
-        contact = at_rest(self.effective[p], self.radius[p], 1.0)
+        """Decide whether contact ``p`` holds, and where its force ends."""
+        contact, history = at_rest(self.effective[p], self.radius[p], 1.0), self.contacts.history[p]
         k = self.normal_table[self.particles.spin[i].material, self.partner[p]]
-        history, held, opening = self.contacts.history[p], contact.overlap > 0.0, 0.0
-        if touched:
-            held = self.normal_law.holds(contact, k, history) != 0
-        if held:
-            opening = HELD_BEYOND * self.normal_law.opening(contact, k)
-        self.held[p], self.opening[p] = ti.cast(held, ti.i32), opening
+        held, opening = hold_while_solved(self.normal_law, contact, k, history, touched)
+        self.held[p], self.opening[p] = held, opening
 
     @ti.func
     def is_held(self, p):
@@ -187,14 +181,9 @@ class ImplicitExpansions(ReciprocalExpansions):
             if ti.static(self.adhesion):
                 closed = closed and self.held[p] != 0
             if closed:
-                history = self.contacts.history[p]
-                normal = self.normal_law.force(
-                    at_rest(overlap, self.radius[p], 1.0),
-                    self.normal_table[material, self.partner[p]],
-                    history,
-                )
-                # Where a law softens, its force is held while the others adapt.
-                answer = vec2(normal.elastic, ti.max(normal.stiffness, 0.0))
+                contact, history = at_rest(overlap, self.radius[p], 1.0), self.contacts.history[p]
+                k = self.normal_table[material, self.partner[p]]
+                answer = force_while_solved(self.normal_law, contact, k, history)
             self.force[p], self.tangent[p] = answer[0], answer[1]
 
     @ti.func

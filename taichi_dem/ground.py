@@ -156,5 +156,5 @@ class Ground:
 
     def doubts(self) -> dict[str, int]:
         """How often so far what its model assumes did not hold, by name."""
-        counts = {} if self.exchange is None else self.exchange.counts()
+        counts = {} if self.exchange is None else self.exchange.doubts.counts()
         return counts if self.lag is None else {**counts, "lagged_exchange": self.lag.risky}

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from halfspace import backend
+from taichi_dem.doubts import WORDS
 from taichi_dem.effects import Effects, effects_of
 from taichi_dem.engine import Engine
 from taichi_dem.exchange import ground_of
@@ -37,26 +38,6 @@ STEPS_TO_LOOK = 100  # at the energy, at least, and a tenth of those made
 MADE = 0.05  # of the largest part of the energy: so much from nothing is warned of
 ROUNDING = 1e-9  # of the energy in the heights, at most
 DRIVERS = ("auto", *WAYS)
-
-WARNINGS = {
-    "fast_impacts": "a sphere hit the substrate at more than a tenth of its shear wave speed: the "
-    "substrate is taken as quasi-static, and waves that carry energy away are left out",
-    "wide_contacts": "a contact with the substrate is wider than 0.3 of its sphere's radius: "
-    "strains are not small",
-    "close_points": "contacts with the substrate are closer than 6 of their radii: "
-    'coupling="point" neglects their size, coupling="finite" does not',
-    "wide_for_layer": "a contact is wide for the thickness of the layer below it: beyond 0.4 of it "
-    "(0.2 for points) forces err by a percent and more",
-    "sparse_exchange": "a contact with the substrate turns by more than 0.3 rad of its own "
-    "oscillation between two exchanges: extrapolation takes or gives some percent of its energy in "
-    "each of its periods; a smaller exchange_every or time step does less",
-    "unseen_contacts": "a sphere met the substrate between two exchanges of which the last one did "
-    "not know it, and found the surface undeformed: exchange_every times the step is long for "
-    "spheres so fast",
-    "lagged_exchange": "the lagged exchange is close to divergence, with a spectral radius above "
-    '0.5: it damps some motions and feeds others; exchange="implicit" does not',
-}
-
 
 _STEP = Range("s", "time step", above=0)
 _SKIN = Range("m", "how far beyond touching contacts are listed", above=0)
@@ -265,7 +246,7 @@ class Simulation:
         """Warn where the substrate's assumptions fail."""
         for name, count in self._engine.ground.doubts().items():
             if count > self.warnings.get(name, 0):
-                self._warn(name, WARNINGS[name], count)
+                self._warn(name, WORDS[name], count)
 
     def _watch_energy(self) -> None:
         """Warn where energy has come from nothing, now and then."""

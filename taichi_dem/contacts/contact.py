@@ -5,7 +5,9 @@ Conventions: ``normal`` points from j to i, ``overlap`` is positive when touchin
 zero curvature and zero inverse mass: no law needs to know whether j is one.
 """
 
-from taichi_dem.types import real, ti, vec3
+from taichi_dem.types import real, ti, vec2, vec3
+
+HELD_BEYOND = 2.0  # times its opening: as far a contact holds that opens while others are solved
 
 Contact = ti.types.struct(
     normal=vec3,
@@ -85,3 +87,23 @@ def at_rest(overlap: real, effective_radius: real, effective_mass: real) -> Cont
         effective_mass=effective_mass,
         time_step=0.0,
     )
+
+
+@ti.func
+def hold_while_solved(law: ti.template(), contact, k, history: ti.template(), touched):
+    """Whether an adhesive contact holds under the normal ``law``, and the overlap (m) at which its
+    force ends: while forces are solved for none jumps, so that there is an equilibrium."""
+    held, opening = contact.overlap > 0.0, 0.0
+    if touched:
+        held = law.holds(contact, k, history) != 0
+    if held:
+        opening = HELD_BEYOND * law.opening(contact, k)
+    return ti.cast(held, ti.i32), opening
+
+
+@ti.func
+def force_while_solved(law: ti.template(), contact, k, history: ti.template()) -> vec2:
+    """Elastic force (N) and tangent (N/m) of a closed contact.  Where the normal ``law`` softens,
+    its force is held while the others adapt."""
+    normal = law.force(contact, k, history)
+    return vec2(normal.elastic, ti.max(normal.stiffness, 0.0))

@@ -16,9 +16,10 @@ LAYERS = {
     "scene": "validation material shapes periodic overlaps packing sphere_files spheres substrate "
     "scene time_step writing tables toml_text scene_file",
     "kernels": "types control particles effects contact_list grid neighbors boundaries geometry "
-    "expansions reciprocal expansion_newton forces pair_sums coupling extrapolation exchange "
-    "joint pressed creep members hosted lagged integrate meeting drivers energy guards views sleep "
-    "pace ground ground_view on_list good_state engine memory",
+    "expansions reciprocal expansion_newton forces pair_sums coupling doubts extrapolation "
+    "ground_past ground_contacts exchange joint pressed creep members hosted lagged integrate "
+    "meeting drivers energy guards views sleep pace ground ground_view on_list good_state engine "
+    "memory",
     "simulation": "schedule simulation moments neglect",
     "outputs": "style wording snapshot frames progress output bed dents plot",
     "tools": "folder run cost check settings record accuracy orders closed_form worker workers "

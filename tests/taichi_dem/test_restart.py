@@ -93,7 +93,7 @@ def test_warnings_and_counters_start_again(used):
         sim.restart(dt=1.5 * sim.stable.value)
         assert set(sim.warnings) == {"time_step"}
         sim.restart()
-    assert not sim.warnings and not any(sim._engine.exchange.counts().values())
+    assert not sim.warnings and not any(sim._engine.exchange.doubts.counts().values())
 
 
 def test_what_a_scene_refuses_leaves_the_simulation_as_it_was(used):

@@ -10,9 +10,9 @@ import numpy as np
 from halfspace import backend
 from taichi_dem import guards
 from taichi_dem.boundaries import Boundaries
+from taichi_dem.coefficients import Coefficients
 from taichi_dem.control import OVERPRESSED, STALE, TOO_DEEP, UNSOLVED, Control
 from taichi_dem.effects import Effects
-from taichi_dem.forces import Coefficients
 from taichi_dem.good_state import GoodState
 from taichi_dem.grid import Grid, best_cell_size
 from taichi_dem.ground import Ground

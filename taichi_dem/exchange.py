@@ -10,7 +10,8 @@ from collections.abc import Sequence
 import halfspace
 from taichi_dem.contact_list import SUBSTRATE, ContactList
 from taichi_dem.control import UNSOLVED, Control
-from taichi_dem.coupling import DONE, START, CoupledSolve
+from taichi_dem.coupled_contacts import DONE, START
+from taichi_dem.coupling import CoupledSolve
 from taichi_dem.effects import Effects
 from taichi_dem.extrapolation import Extrapolation
 from taichi_dem.ground_contacts import GroundContacts

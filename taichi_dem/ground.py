@@ -158,3 +158,11 @@ class Ground:
         """How often so far what its model assumes did not hold, by name."""
         counts = {} if self.exchange is None else self.exchange.doubts.counts()
         return counts if self.lag is None else {**counts, "lagged_exchange": self.lag.risky}
+
+    def margins(self) -> dict[str, float]:
+        """How far its cheaper ways have been from failing."""
+        if self.lag is not None:
+            return {"lagged_spectral_radius": self.lag.largest}
+        if self.exchange is not None and self.exchange.extrapolates:
+            return {"exchange_phase": float(self.exchange.between.largest[None])}
+        return {}

@@ -21,8 +21,8 @@ from typing import Any
 
 from taichi_dem.contact_list import SUBSTRATE
 from taichi_dem.control import OVERPRESSED, UNSOLVED
+from taichi_dem.coupled_contacts import RENEW as RENEW_MATRIX
 from taichi_dem.coupling import ENOUGH, MODEL_ERROR, MOST_EVALUATIONS, SLOW
-from taichi_dem.coupling import RENEW as RENEW_MATRIX
 from taichi_dem.exchange import Exchange
 from taichi_dem.expansion_newton import (
     ADVANCE,

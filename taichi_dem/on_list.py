@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from taichi_dem.boundaries import Boundaries
+from taichi_dem.coefficients import Coefficients
 from taichi_dem.contact_list import ContactList
 from taichi_dem.control import Control
 from taichi_dem.drivers import Drivers
@@ -16,7 +17,7 @@ from taichi_dem.energy import Energy
 from taichi_dem.exchange import Exchange
 from taichi_dem.expansion_newton import ImplicitExpansions
 from taichi_dem.expansions import Expansions
-from taichi_dem.forces import Coefficients, Forces
+from taichi_dem.forces import Forces
 from taichi_dem.geometry import Geometry
 from taichi_dem.grid import Grid
 from taichi_dem.integrate import Verlet
@@ -26,6 +27,7 @@ from taichi_dem.neighbors import Neighbors
 from taichi_dem.particles import Particles
 from taichi_dem.scene import Scene
 from taichi_dem.sleep import Sleep
+from taichi_dem.step import Step
 
 
 @dataclass(frozen=True)
@@ -81,9 +83,8 @@ class OnList:
             self.expansions,
         )
         verlet = Verlet(particles, control, effects.rotation)
-        self.drivers = Drivers(
-            self.forces, verlet, boundaries, exchange, control, standing.meeting, standing.sleep
-        )
+        step = Step(self.forces, verlet, boundaries, exchange, control, standing.sleep)
+        self.drivers = Drivers(step, standing.meeting)
         self.energy = Energy(self.forces, exchange, boundaries)
 
     def trees(self) -> Iterator[Any]:

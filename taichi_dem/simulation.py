@@ -2,7 +2,6 @@
 
 import dataclasses
 import inspect
-import math
 import time
 import warnings
 from collections.abc import Sequence
@@ -12,20 +11,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from halfspace import backend
+from taichi_dem.asked import refuse_options, refuse_step, steps_asked
+from taichi_dem.coefficients import Coefficients
 from taichi_dem.doubts import WORDS
 from taichi_dem.effects import Effects, effects_of
 from taichi_dem.engine import Engine
 from taichi_dem.exchange import ground_of
-from taichi_dem.forces import Coefficients
 from taichi_dem.ground_view import substrate_state
-from taichi_dem.guards import FARTHEST_STEP, SimulationStopped
+from taichi_dem.guards import SimulationStopped
 from taichi_dem.memory import by_effect
-from taichi_dem.pace import WAYS
 from taichi_dem.periodic import narrow_problem
 from taichi_dem.scene import Scene, Spheres
 from taichi_dem.schedule import Schedule, interruptible
 from taichi_dem.time_step import StableStep, stable_time_step
-from taichi_dem.validation import InputError, Problem, Range, number_problem, unknown
+from taichi_dem.validation import InputError, Problem
 from taichi_dem.views import BoundaryState, ParticleState, SubstrateState, boundary_states
 from taichi_dem.writing import Output
 
@@ -37,11 +36,6 @@ FIRST_CHUNK = 50  # steps
 STEPS_TO_LOOK = 100  # at the energy, at least, and a tenth of those made
 MADE = 0.05  # of the largest part of the energy: so much from nothing is warned of
 ROUNDING = 1e-9  # of the energy in the heights, at most
-DRIVERS = ("auto", *WAYS)
-
-_STEP = Range("s", "time step", above=0)
-_SKIN = Range("m", "how far beyond touching contacts are listed", above=0)
-_DEEPEST = Range("-", "share of the smaller radius", above=0, at_most=1)
 
 
 class Simulation:
@@ -66,16 +60,8 @@ class Simulation:
         energy_balance: bool = True,
         skin: float | None = None,
     ):
-        problems = [number_problem("max_overlap", max_overlap, _DEEPEST)]
-        if driver not in DRIVERS:
-            problems.append(unknown("driver", driver, driver, DRIVERS, "driver"))
-        if dt is not None:
-            problems.append(number_problem("dt", dt, _STEP))
-        if skin is not None:
-            problems.append(number_problem("skin", skin, _SKIN))
-        if found := [problem for problem in problems if problem]:
-            raise InputError(found)
-        self._refuse_step(dt, scene.spheres)
+        refuse_options(dt, driver, max_overlap, skin)
+        refuse_step(dt, scene.spheres)
         backend.start()
         self.scene, self.steps = scene, 0
         self._built_with = scene.spheres
@@ -115,12 +101,10 @@ class Simulation:
         nothing is compiled, so that series and ensembles are cheap. Raises ``InputError``, after
         which the simulation is as it was.
         """
-        if dt is not None and (problem := number_problem("dt", dt, _STEP)):
-            raise InputError([problem])
         given = {"position": position, "velocity": velocity, "omega": omega}
         changed: Any = {name: values for name, values in given.items() if values is not None}
         spheres = dataclasses.replace(self._built_with, **changed)
-        self._refuse_step(dt, spheres)
+        refuse_step(dt, spheres)
         self.scene = dataclasses.replace(self.scene, spheres=spheres)
         self._restart(spheres, dt)
 
@@ -154,7 +138,7 @@ class Simulation:
         Ctrl-C ends the run between two steps, with the outputs finished; ``SimulationStopped`` is
         raised when a guard stops it, with the outputs finished at the last good state.
         """
-        last = self.steps + _steps_asked(duration, steps, self.dt)
+        last = self.steps + steps_asked(duration, steps, self.dt)
         schedule = Schedule(outputs, self.dt)
         self._outcome = "running"
         with interruptible() as asked_to_stop:
@@ -207,19 +191,6 @@ class Simulation:
         if surface is not None and (surface.layer is not None or surface.period is not None):
             base = min(0.0, float(surface.matrix(np.zeros((1, 2)))[0, 0]))
         return stable_time_step(self.scene, self._coefficients, base)
-
-    def _refuse_step(self, dt: float | None, spheres: Spheres) -> None:
-        """Where a sphere would go too far in its first step."""
-        if dt is None:
-            return
-        speed = np.linalg.norm(spheres.velocity, axis=1)
-        row = int((speed / spheres.radius).argmax())
-        if (limit := FARTHEST_STEP * spheres.radius[row]) <= speed[row] * dt:
-            rule = (
-                f"must be < {limit / speed[row]:.3g} s: sphere {row} at {speed[row]:.3g} m/s would "
-                f"move more than {FARTHEST_STEP:g} of its radius in a step, through others perhaps"
-            )
-            raise InputError([Problem("dt", dt, rule)])
 
     def _choose_step(self, dt: float | None) -> tuple[float, str]:
         stable = self.stable
@@ -337,7 +308,7 @@ class Simulation:
             "precision": backend.PRECISION,
             "rebuilds": self._engine.rebuilds,
             "skin_m": self._engine.skin.width,
-            **self._exchange_summary(),
+            **self._engine.ground.margins(),
             **({"asleep": int(self.asleep.sum())} if self.effects.sleep else {}),
             "seconds": {
                 "steps": self._stepping - lists,
@@ -353,15 +324,6 @@ class Simulation:
                 for effect in self.effects.listed
             },
         }
-
-    def _exchange_summary(self) -> dict[str, float]:
-        """How far its cheaper ways are from failing."""
-        lag, exchange = self._engine.ground.lag, self._engine.exchange
-        if lag is not None:
-            return {"lagged_spectral_radius": lag.largest}
-        if exchange is not None and exchange.extrapolates:
-            return {"exchange_phase": float(exchange.between.largest[None])}
-        return {}
 
     def _once(self, name: str, make: Any) -> Any:
         if name not in self._memo:
@@ -386,16 +348,3 @@ def _total(parts: dict[str, float]) -> float:
         sum(value for part, value in parts.items() if part != "external_work")
         - parts["external_work"]
     )
-
-
-def _steps_asked(duration: float | None, steps: int | None, dt: float) -> int:
-    if (duration is None) == (steps is None):
-        raise InputError([Problem("duration", None, "give either duration (s) or steps")])
-    if steps is not None:
-        if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or steps < 0:
-            raise InputError([Problem("steps", steps, "must be a whole number >= 0")])
-        return int(steps)
-    if problem := number_problem("duration", duration, Range("s", "simulated time", at_least=0)):
-        raise InputError([problem])
-    assert duration is not None
-    return math.ceil(duration / dt * (1 - 1e-12))

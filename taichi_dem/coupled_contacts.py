@@ -24,13 +24,14 @@ GROWN = 0.1  # squared sphere radii: those whose squared radius has changed by s
 
 @ti.data_oriented
 class CoupledContacts:
-    """Scratch fields for at most ``capacity`` contacts.
+    """Scratch fields for at most ``capacity`` contacts; ``law(k, d)`` gives what the force H and
+    its tangent H' >= 0 are at the effective overlap d.
 
     The caller sets, for each of ``count`` contacts, home_x, home_y (m), overlap delta (m), a guess
-    of effective d (m), radius R (m), size 3 R/(4 E*) (m2/N), a guess shift_x, shift_y of c (m), and
-    from the last step force (N) and base, the d that the surface would leave if the forces stayed
-    the same (m).  Come back force, effective and shifts; gain (m), what the matrix made of the
-    change of forces; and what the sums give.
+    of effective d (m), radius R (m), size 3 R/(4 E*) (m2/N), opening (the d at which a contact
+    lets go, m), a guess shift_x, shift_y of c (m), and from the last step force (N) and base, the d
+    that the surface would leave if the forces stayed the same (m).  Come back force, effective and
+    shifts; gain (m), what the matrix made of the change of forces; and what the sums give.
 
     A contact is live if it is not a gap already over the undeformed surface, which forces that
     press can but widen.  The others are told what the surface does, and nothing else: so no bit
@@ -51,8 +52,8 @@ class CoupledContacts:
         self.live, self.anchored = ti.field(ti.i32), ti.field(ti.i32)
         builder.dense(ti.i, capacity).place(self.live, self.anchored)
         for name in (
-            "home_x home_y overlap effective radius size shift_x shift_y"
-            " known base gain defect loaded"
+            "home_x home_y overlap effective radius size opening shift_x shift_y"
+            " tangent known base gain defect loaded"
         ).split():
             setattr(self, name, ti.field(real))
             builder.dense(ti.i, capacity).place(getattr(self, name))
@@ -91,6 +92,26 @@ class CoupledContacts:
             if self.force[k] > 0.0:
                 square = ti.pow(self.size[k] * self.force[k], 2.0 / 3.0)
             self.sums.square[k] = square
+
+    @ti.func
+    def meet(self, k):
+        """Contact ``k`` as the caller has set it."""
+        self.known[k], self.gain[k] = self.force[k], 0.0
+        self.place(k)
+        live = self.overlap[k] > self.opening[k] or self.force[k] != 0.0
+        self.live[k] = ti.cast(live, ti.i32)
+
+    @ti.func
+    def load(self, law: ti.template()):
+        """Force and tangent of the present d."""
+        k = 0
+        while k < self.count[None]:
+            force, tangent = 0.0, 0.0
+            if self.effective[k] > self.opening[k]:
+                answer = law(k, self.effective[k])
+                force, tangent = answer[0], answer[1]
+            self.force[k], self.tangent[k] = force, tangent
+            k += 1
 
     @ti.func
     def call_evaluation(self):
@@ -156,3 +177,11 @@ class CoupledContacts:
             self.sums.moved[k] = 0
             k += 1
         self.stale[None], self.phase[None] = 0, MODEL
+
+    @ti.func
+    def note_gain(self):
+        """What the matrix has just been asked for is as good as true."""
+        k = 0
+        while k < self.count[None]:
+            self.gain[k] = self.gain[k] + of(self.sums.image, k)
+            k += 1

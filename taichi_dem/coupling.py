@@ -18,6 +18,7 @@ The way through is cut where sums are shared out in blocks: ``begin``, then ``sh
 
 import math
 
+from taichi_dem.contacts.contact import disagreement
 from taichi_dem.coupled_contacts import (
     DIRECTION,
     DONE,
@@ -40,26 +41,16 @@ SLOW = 0.3  # a defect that falls by less calls for a new matrix
 
 @ti.data_oriented
 class CoupledSolve(CoupledContacts):
-    """As ``CoupledContacts``; ``law(k, d)`` gives what H and H' >= 0 are, and the caller sets the
-    opening of each contact, too: the d (m) at which it lets go.  ``lagged``: nothing is solved, and
-    the surface is left as the forces of the last step make it."""
+    """As ``CoupledContacts``, in equilibrium with the surface."""
 
-    def __init__(
-        self,
-        capacity: int,
-        modulus: float,
-        finite: bool,
-        lagged: bool,
-        builder: "ti.FieldsBuilder",
-    ):
+    def __init__(self, capacity: int, modulus: float, finite: bool, builder: "ti.FieldsBuilder"):
         super().__init__(capacity, modulus, finite, builder)
-        self.lagged = lagged
         self.rounds, self.steps = ti.field(ti.i32), ti.field(ti.i32)
         builder.place(self.rounds, self.steps)
         for name in "goal scale error model_goal model_error product length".split():
             setattr(self, name, ti.field(real))
             builder.place(getattr(self, name))
-        for name in "opening tangent step remainder direction image".split():
+        for name in "step remainder direction image".split():
             setattr(self, name, ti.field(real))
             builder.dense(ti.i, capacity).place(getattr(self, name))
 
@@ -74,10 +65,7 @@ class CoupledSolve(CoupledContacts):
         phase = self.phase[None]
         if phase == START:
             self.start()
-            if ti.static(self.lagged):
-                evaluation = 1
-            else:
-                load = 1
+            load = 1
         elif phase == RENEW:
             self.renewed()
             model = 1
@@ -89,12 +77,8 @@ class CoupledSolve(CoupledContacts):
             if load != 0:
                 self.take_step()
         elif phase == EVALUATE:
-            if ti.static(self.lagged):
-                self.follow()
-                load = 1
-            else:
-                solved = self.judge()
-                newton = ti.cast(self.phase[None] == MODEL, ti.i32)
+            solved = self.judge()
+            newton = ti.cast(self.phase[None] == MODEL, ti.i32)
         if newton != 0:
             load = 1 - self.start_newton()
             if load != 0:
@@ -117,42 +101,23 @@ class CoupledSolve(CoupledContacts):
 
     @ti.func
     def start(self):
-        """From the caller's guess to the first model; lagged, to an evaluation."""
+        """From the caller's guess to the first model."""
         scale = 0.0
         k = 0
         while k < self.count[None]:
             scale = ti.max(scale, self.overlap[k] - self.opening[k])
             if self.effective[k] > self.opening[k]:
                 scale = ti.max(scale, -self.opening[k])
-            self.known[k], self.gain[k] = self.force[k], 0.0
-            self.place(k)
-            live = self.overlap[k] > self.opening[k] or self.force[k] != 0.0
-            self.live[k] = ti.cast(live, ti.i32)
-            if not live:
+            self.meet(k)
+            if self.live[k] == 0:
                 self.effective[k], self.defect[k] = self.overlap[k], 0.0
+            self.keep_up(k, self.anchored[k] == 0)
             k += 1
         self.scale[None], self.goal[None] = scale, self.residual[None] * scale
         self.tries[None], self.error[None] = 0, math.inf
-        if ti.static(not self.lagged):
-            k = 0
-            while k < self.count[None]:
-                self.keep_up(k, self.anchored[k] == 0)
-                k += 1
-            self.begin_model(0.0)
+        self.begin_model(0.0)
 
     # -- against the truth -----------------------------------------------------------------------
-
-    @ti.func
-    def load(self, law: ti.template()):
-        """Force and tangent of the present d."""
-        k = 0
-        while k < self.count[None]:
-            force, tangent = 0.0, 0.0
-            if self.effective[k] > self.opening[k]:
-                answer = law(k, self.effective[k])
-                force, tangent = answer[0], answer[1]
-            self.force[k], self.tangent[k] = force, tangent
-            k += 1
 
     @ti.func
     def miss(self, k, reached):
@@ -162,9 +127,7 @@ class CoupledSolve(CoupledContacts):
             if self.effective[k] <= opening and reached <= opening:
                 self.effective[k] = reached  # open, and stays open: solved outright
             self.defect[k] = self.effective[k] - reached
-            error = ti.abs(ti.max(self.effective[k], opening) - ti.max(reached, opening))
-            if not (ti.abs(self.defect[k]) < math.inf):  # not-a-number must not pass for solved
-                error = math.inf
+            error = disagreement(self.effective[k], reached, opening)
         return error
 
     @ti.func
@@ -194,15 +157,6 @@ class CoupledSolve(CoupledContacts):
             self.begin_model(MODEL_ERROR * error)
         return solved
 
-    @ti.func
-    def follow(self):
-        """The surface as the last step's forces leave it."""
-        k = 0
-        while k < self.count[None]:
-            self.effective[k] = self.reached(k)
-            k += 1
-        self.phase[None] = DONE
-
     # -- on the model ----------------------------------------------------------------------------
 
     @ti.func
@@ -225,10 +179,7 @@ class CoupledSolve(CoupledContacts):
         self.model_error[None] = error
         if error <= self.model_goal[None] or self.steps[None] >= MOST_STEPS:
             solved = 1
-            k = 0
-            while k < self.count[None]:
-                self.gain[k] = self.gain[k] + of(self.sums.image, k)
-                k += 1
+            self.note_gain()
         else:  # across a kink of the law a full step may overshoot
             self.length[None] = 1.0 if error < before else 0.5
         return solved

@@ -154,7 +154,7 @@ class Engine:
 
     def advance(self, steps: int) -> None:
         """Make ``steps`` >= 1 steps of velocity Verlet: half kick, drift, forces, half kick."""
-        self.good.keep()
+        self.good.keep(self)
         step = self.step + 1
         last = step + steps - 1
         self.drivers.begin()
@@ -177,7 +177,7 @@ class Engine:
         self._guard()
         self._stop_at_nonsense()
         if diverges:
-            self.good.keep()
+            self.good.keep(self)
             assert self.ground.lag is not None
             raise SimulationStopped(
                 self._at_present(self.ground.lag.reason()), None, self.good.known
@@ -230,7 +230,7 @@ class Engine:
 
     def _stop(self, why: str, row: int | None) -> None:
         message = self._at_present(why)
-        self.good.restore()
+        self.good.restore(self)
         raise SimulationStopped(message, row, self.good.known)
 
     def _at_present(self, why: str) -> str:

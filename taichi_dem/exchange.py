@@ -15,10 +15,12 @@ from taichi_dem.coupling import CoupledSolve
 from taichi_dem.effects import Effects
 from taichi_dem.extrapolation import Extrapolation
 from taichi_dem.ground_contacts import GroundContacts
-from taichi_dem.ground_past import DRIFTS, extrapolated, shifted
+from taichi_dem.ground_past import DRIFTS
+from taichi_dem.lagged_surface import LaggedSurface
 from taichi_dem.material import Material
 from taichi_dem.pair_sums import of
 from taichi_dem.particles import Particles
+from taichi_dem.past import extrapolated, shifted
 from taichi_dem.periodic import Period
 from taichi_dem.substrate import Substrate
 from taichi_dem.types import PRECISION, ti, vec2, vec3
@@ -79,9 +81,8 @@ class Exchange(GroundContacts):
         builder.dense(ti.i, n).place(self.enrolled)
         builder.place(self.on_host)
         most = IN_KERNEL_CONTACTS if self.in_kernel else 1
-        self.solver = CoupledSolve(
-            min(n, most), self.halfspace.modulus, self.finite, self.lagged, builder
-        )
+        way = LaggedSurface if self.lagged else CoupledSolve
+        self.solver = way(min(n, most), self.halfspace.modulus, self.finite, builder)
 
     def fill(self) -> None:
         """Write the constants, after the fields have been placed."""

@@ -146,7 +146,13 @@ class ImplicitExpansions(ExpansionPasses):
         found = self.total()
         if found[0] <= self.goal[None]:
             self.phase[None] = TILT
-        elif self.made[None] == self.law.iterations:
+        else:
+            self.try_newton_step(found)
+
+    @ti.func
+    def try_newton_step(self, found):
+        """:meth:`begin_newton_step`, unless there have been enough."""
+        if self.made[None] == self.law.iterations:
             self.control.raise_flag(OVERPRESSED)
             self.phase[None] = TILT
         else:

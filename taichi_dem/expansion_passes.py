@@ -5,7 +5,13 @@ import math
 from typing import Any
 
 from taichi_dem.contact_list import APART
-from taichi_dem.contacts.contact import at_rest, force_while_solved, hold_while_solved
+from taichi_dem.contacts.contact import (
+    at_rest,
+    disagreement,
+    force_while_solved,
+    hold_while_solved,
+)
+from taichi_dem.past import extrapolated
 from taichi_dem.reciprocal import ReciprocalExpansions
 from taichi_dem.types import real, ti, vec2, vec3
 
@@ -103,13 +109,7 @@ class ExpansionPasses(ReciprocalExpansions):
     def expected(self, p):
         """The sum of expansions that the past steps lead one to expect."""
         history = self.contacts.history[p]
-        past = history.expansions_before
-        expected = past[0]
-        if history.age == 2:
-            expected = 2.0 * past[0] - past[1]
-        elif history.age >= 3:
-            expected = 3.0 * (past[0] - past[1]) + past[2]
-        return expected
+        return extrapolated(history.expansions_before, history.age)
 
     @ti.func
     def lent(self, p, i, j):
@@ -179,10 +179,7 @@ class ExpansionPasses(ReciprocalExpansions):
             if self.effective[p] <= opening and reached <= opening:
                 self.effective[p] = reached  # open, and stays open: solved outright
             defect = self.effective[p] - reached
-            wrong = ti.abs(ti.max(self.effective[p], opening) - ti.max(reached, opening))
-            if not (ti.abs(defect) < math.inf):  # not-a-number must not pass for solved
-                wrong = math.inf
-            error = ti.max(error, wrong)
+            error = ti.max(error, disagreement(self.effective[p], reached, opening))
             product += self.tangent[p] * defect * defect
             self.remainder[p], self.direction[p], self.step[p] = -defect, 0.0, 0.0
         self.sums[i] = vec3(error, product, 0.0)

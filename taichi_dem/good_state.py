@@ -11,20 +11,18 @@ REMEMBERED = 200_000  # particles: what the contacts of more remember would take
 
 
 class GoodState:
-    """The last state of ``engine`` that was known to be sound.
+    """The last state of an engine that was known to be sound.
 
     known   its time (s) and step, the spheres' position, velocity and omega, the boundaries'
             motion, the energy lost so far (J), and what ground and contacts remembered
     """
 
     def __init__(self, engine: "Engine"):
-        self._engine = engine
-        self.keep()
+        self.keep(engine)
 
-    def keep(self) -> None:
-        """The present state is sound."""
-        engine = self._engine
-        state, contacts = engine.particles.read(), self._contacts_on_file()
+    def keep(self, engine: "Engine") -> None:
+        """The present state of ``engine`` is sound."""
+        state, contacts = engine.particles.read(), _contacts_on_file(engine)
         if contacts is None:  # forces are found anew
             del state["force"], state["torque"]
         self.known: dict[str, Any] = {
@@ -37,9 +35,9 @@ class GoodState:
             "contacts": contacts,
         }
 
-    def restore(self) -> None:
-        """Go back."""
-        engine, good = self._engine, self.known
+    def restore(self, engine: "Engine") -> None:
+        """Have ``engine`` go back to it."""
+        good = self.known
         engine.particles.write(good["position"], good["velocity"], good["omega"])
         engine.boundaries.write(good["motion"])
         engine.control.step[None] = good["step"]
@@ -55,12 +53,12 @@ class GoodState:
         engine.control.flags.fill(0)
         engine.lost = good["lost"] - engine.energy.loss(False)
 
-    def _contacts_on_file(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """What contacts remember, which friction, rolling, yielding or adhesion make them do; None
-        at the start, where they only know what their forces at rest tell them."""
-        engine = self._engine
-        remembers = engine.effects.history or engine.effects.adhesion
-        if not remembers or engine.step == 0 or engine.particles.count > REMEMBERED:
-            return None
-        engine.neighbors.save(True)
-        return engine.contacts.filed()
+
+def _contacts_on_file(engine: "Engine") -> tuple[np.ndarray, np.ndarray] | None:
+    """What contacts remember, which friction, rolling, yielding or adhesion make them do; None at
+    the start, where they only know what their forces at rest tell them."""
+    remembers = engine.effects.history or engine.effects.adhesion
+    if not remembers or engine.step == 0 or engine.particles.count > REMEMBERED:
+        return None
+    engine.neighbors.save(True)
+    return engine.contacts.filed()

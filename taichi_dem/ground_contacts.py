@@ -10,9 +10,10 @@ from taichi_dem.contacts.elasticity import effective_youngs_modulus
 from taichi_dem.control import Control
 from taichi_dem.doubts import Doubts
 from taichi_dem.effects import Effects
-from taichi_dem.ground_past import PAST, extrapolated, ground_type, shifted
+from taichi_dem.ground_past import PAST, ground_type
 from taichi_dem.material import Material
 from taichi_dem.particles import Particles
+from taichi_dem.past import extrapolated, shifted
 from taichi_dem.substrate import Substrate
 from taichi_dem.types import real, ti, vec2, vec3
 

@@ -1,9 +1,7 @@
 """A scene in motion, as a user runs it and looks at it."""
 
 import dataclasses
-import inspect
 import time
-import warnings
 from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
@@ -11,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from halfspace import backend
+from taichi_dem.alerts import Alerts
 from taichi_dem.asked import refuse_options, refuse_step, steps_asked
 from taichi_dem.coefficients import Coefficients
-from taichi_dem.doubts import WORDS
 from taichi_dem.effects import Effects, effects_of
 from taichi_dem.engine import Engine
 from taichi_dem.exchange import ground_of
@@ -34,8 +32,6 @@ if TYPE_CHECKING:
 SECONDS_PER_CHUNK = 0.3  # between two looks at the world outside; no result depends on it
 FIRST_CHUNK = 50  # steps
 STEPS_TO_LOOK = 100  # at the energy, at least, and a tenth of those made
-MADE = 0.05  # of the largest part of the energy: so much from nothing is warned of
-ROUNDING = 1e-9  # of the energy in the heights, at most
 
 
 class Simulation:
@@ -65,7 +61,7 @@ class Simulation:
         backend.start()
         self.scene, self.steps = scene, 0
         self._built_with = scene.spheres
-        self.warnings: dict[str, int] = {}
+        self.warnings = Alerts(self)
         self._memo: dict[str, Any] = {}
         self._outcome, self._chunk, self._next_look = "not run yet", FIRST_CHUNK, STEPS_TO_LOOK
         effects = effects_of(scene, energy_balance)
@@ -182,7 +178,7 @@ class Simulation:
         self._stepping += took
         per_step = took / steps
         self._chunk = max(1, int(SECONDS_PER_CHUNK / per_step))
-        self._watch()
+        self.warnings.look_at_substrate(self._engine.ground.doubts())
 
     @property
     def stable(self) -> StableStep:
@@ -197,43 +193,18 @@ class Simulation:
         if dt is None:
             return stable.value, stable.reason
         if dt > stable.value:
-            self._warn(
+            self.warnings.tell(
                 "time_step",
                 f"dt = {dt:.3g} s is beyond the stable step of {stable.value:.3g} s, which is "
                 f"{stable.reason}",
             )
         return float(dt), f"given; the stable step is {stable.value:.3g} s, {stable.reason}"
 
-    def _warn(self, name: str, message: str, count: int = 1) -> None:
-        """Warn once of each kind, at the line that called this class, and keep the count."""
-        if name not in self.warnings:
-            frame, level = inspect.currentframe(), 1
-            while frame and frame.f_locals.get("self") is self:
-                frame, level = frame.f_back, level + 1
-            warnings.warn(message, RuntimeWarning, stacklevel=level)
-        self.warnings[name] = count
-
-    def _watch(self) -> None:
-        """Warn where the substrate's assumptions fail."""
-        for name, count in self._engine.ground.doubts().items():
-            if count > self.warnings.get(name, 0):
-                self._warn(name, WORDS[name], count)
-
     def _watch_energy(self) -> None:
-        """Warn where energy has come from nothing, now and then."""
-        if not self.effects.balanced or self.steps < self._next_look:
-            return
-        self._next_look = self.steps + max(STEPS_TO_LOOK, self.steps // 10)
-        parts = self.energy()
-        made, height = parts.pop("balance_error"), abs(parts.pop("gravity"))
-        most = max(abs(part) for part in parts.values())
-        if made > max(MADE * most, ROUNDING * height):
-            self._warn(
-                "energy",
-                f"{made:.3g} J have come from nothing, beside {most:.3g} J in motion, contacts or "
-                f"heat. The time step of {self.dt:.3g} s may be too long: stable is "
-                f"{self.stable.value:.3g} s",
-            )
+        """Look where it comes from, now and then."""
+        if self.effects.balanced and self.steps >= self._next_look:
+            self._next_look = self.steps + max(STEPS_TO_LOOK, self.steps // 10)
+            self.warnings.look_at_energy(self.energy(), self.dt, self.stable.value)
 
     # -- looking ---------------------------------------------------------------------------------
 

@@ -5,6 +5,8 @@ Conventions: ``normal`` points from j to i, ``overlap`` is positive when touchin
 zero curvature and zero inverse mass: no law needs to know whether j is one.
 """
 
+import math
+
 from taichi_dem.types import real, ti, vec2, vec3
 
 HELD_BEYOND = 2.0  # times its opening: as far a contact holds that opens while others are solved
@@ -107,3 +109,13 @@ def force_while_solved(law: ti.template(), contact, k, history: ti.template()) -
     its force is held while the others adapt."""
     normal = law.force(contact, k, history)
     return vec2(normal.elastic, ti.max(normal.stiffness, 0.0))
+
+
+@ti.func
+def disagreement(effective: real, reached: real, opening: real) -> real:
+    """What counts (m) of the difference between the overlap that a force is reckoned with and the
+    one ``reached`` under it; below its ``opening`` a contact has no force."""
+    error = ti.abs(ti.max(effective, opening) - ti.max(reached, opening))
+    if not (ti.abs(effective - reached) < math.inf):  # not-a-number must not pass for solved
+        error = math.inf
+    return error

@@ -107,8 +107,7 @@ class GroundContacts:
     @ti.func
     def law(self, k, overlap):
         """Elastic force and tangent of contact ``k`` at an effective overlap, motion apart; it
-        sees what the contact remembered before the step, and does not change it.  Where the law
-        softens, its force is held while the others adapt."""
+        sees what the contact remembered before the step, and does not change it."""
         history = self.History()
         if ti.static(self.has_history):
             history = self.history[k]

@@ -207,26 +207,18 @@ class Engine:
         if reasons & (1 << TOO_DEEP | 1 << UNSOLVED | 1 << OVERPRESSED):
             self._stop_at_nonsense()  # which may be behind either
         if reasons & 1 << TOO_DEEP:
-            records = self.records()
-            row, why = guards.describe_deepest(
-                records, self.scene.spheres.radius, float(self.control.deepest[None])
-            )
-            self._stop(why, row)
+            radius, limit = self.scene.spheres.radius, float(self.control.deepest[None])
+            self._stop(*guards.too_deep(self.records(), radius, limit))
         if reasons & 1 << OVERPRESSED:
-            self._stop(*guards.describe_overpressed(self.records()))
+            self._stop(*guards.overpressed(self.records()))
         if reasons & 1 << UNSOLVED:
             self._stop(self.ground.trouble, None)
         return reasons
 
     def _stop_at_nonsense(self) -> None:
-        step, smallest = self.time_step, self._smallest
-        found = guards.first_offender(self.particles, self.boundaries, step, smallest)
-        if found >= 0:
-            self._stop(guards.describe_offender(self.particles, found, step), found)
-        if found < -1:
-            b = -2 - found
-            speed = self.boundaries.motion[b].speed
-            self._stop(guards.describe_boundary(b, speed, step, smallest), None)
+        boundaries, step, smallest = self.boundaries, self.time_step, self._smallest
+        if found := guards.nonsense(self.particles, boundaries, step, smallest):
+            self._stop(*found)
 
     def _stop(self, why: str, row: int | None) -> None:
         message = self._at_present(why)

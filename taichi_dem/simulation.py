@@ -23,7 +23,13 @@ from taichi_dem.scene import Scene, Spheres
 from taichi_dem.schedule import Schedule, interruptible
 from taichi_dem.time_step import StableStep, stable_time_step
 from taichi_dem.validation import InputError, Problem
-from taichi_dem.views import BoundaryState, ParticleState, SubstrateState, boundary_states
+from taichi_dem.views import (
+    BoundaryState,
+    ParticleState,
+    SubstrateState,
+    boundary_states,
+    relative_overlaps,
+)
 from taichi_dem.writing import Output
 
 if TYPE_CHECKING:
@@ -263,10 +269,8 @@ class Simulation:
 
     def largest_overlap(self) -> float:
         """Over the smaller radius."""
-        records, radius = self.contacts(), self.scene.spheres.radius
-        i, j = records["i"], records["j"]
-        smaller = np.where(j >= 0, np.minimum(radius[i], radius[np.maximum(j, 0)]), radius[i])
-        return float((records["overlap"] / smaller).max(initial=0.0))
+        shares = relative_overlaps(self.contacts(), self.scene.spheres.radius)
+        return float(shares.max(initial=0.0))
 
     def summary(self) -> dict[str, Any]:
         """What ``summary.json`` says of the simulation, beside its state."""

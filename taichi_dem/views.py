@@ -159,6 +159,13 @@ def contact_records(
     return records
 
 
+def relative_overlaps(records: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """The overlaps of contact ``records`` over the smaller ``radius`` (of the spheres, m)."""
+    i, j = records["i"], records["j"]
+    smaller = np.where(j >= 0, np.minimum(radius[i], radius[np.maximum(j, 0)]), radius[i])
+    return records["overlap"] / smaller
+
+
 def boundary_states(boundaries: Boundaries, records: np.ndarray) -> list[BoundaryState]:
     """One for each boundary, from all the contact ``records``."""
     states = []

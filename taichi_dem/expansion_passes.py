@@ -89,7 +89,9 @@ class ExpansionPasses(ReciprocalExpansions):
         """Decide whether contact ``p`` holds, and where its force ends."""
         contact, history = at_rest(self.effective[p], self.radius[p], 1.0), self.contacts.history[p]
         k = self.normal_table[self.particles.spin[i].material, self.partner[p]]
-        held, opening = hold_while_solved(self.normal_law, contact, k, history, touched)
+        held, opening = hold_while_solved(
+            self.normal_law.holds, self.normal_law.opening, contact, k, history, touched
+        )
         self.held[p], self.opening[p] = held, opening
 
     @ti.func
@@ -129,7 +131,7 @@ class ExpansionPasses(ReciprocalExpansions):
             if closed:
                 contact, history = at_rest(overlap, self.radius[p], 1.0), self.contacts.history[p]
                 k = self.normal_table[material, self.partner[p]]
-                answer = force_while_solved(self.normal_law, contact, k, history)
+                answer = force_while_solved(self.normal_law.force, contact, k, history)
             self.force[p], self.tangent[p] = answer[0], answer[1]
 
     @ti.func

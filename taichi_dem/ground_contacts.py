@@ -122,7 +122,7 @@ class GroundContacts:
             closed = self.is_held(i)
         if closed:
             contact, k = self.alone(i, overlap), self.coefficients(i)
-            answer = force_while_solved(self.normal, contact, k, history)
+            answer = force_while_solved(self.normal.force, contact, k, history)
         return answer
 
     @ti.func
@@ -155,7 +155,9 @@ class GroundContacts:
     def hold(self, i, overlap, history, touching):
         """Decide whether the adhesive contact of particle ``i`` holds; returns its opening."""
         contact, k = self.alone(i, overlap), self.coefficients(i)
-        held, opening = hold_while_solved(self.normal, contact, k, history, touching != APART)
+        held, opening = hold_while_solved(
+            self.normal.holds, self.normal.opening, contact, k, history, touching != APART
+        )
         self.held[i] = held
         return opening
 

@@ -92,22 +92,25 @@ def at_rest(overlap: real, effective_radius: real, effective_mass: real) -> Cont
 
 
 @ti.func
-def hold_while_solved(law: ti.template(), contact, k, history: ti.template(), touched):
-    """Whether an adhesive contact holds under the normal ``law``, and the overlap (m) at which its
-    force ends: while forces are solved for none jumps, so that there is an equilibrium."""
+def hold_while_solved(
+    holds: ti.template(), opening_of: ti.template(), contact, k, history: ti.template(), touched
+):
+    """Whether an adhesive contact holds, and the overlap (m) at which its force ends: while forces
+    are solved for none jumps, so that there is an equilibrium.  ``holds`` and ``opening_of`` are
+    the normal law's (of which one compiler would take the law itself apart)."""
     held, opening = contact.overlap > 0.0, 0.0
     if touched:
-        held = law.holds(contact, k, history) != 0
+        held = holds(contact, k, history) != 0
     if held:
-        opening = HELD_BEYOND * law.opening(contact, k)
+        opening = HELD_BEYOND * opening_of(contact, k)
     return ti.cast(held, ti.i32), opening
 
 
 @ti.func
-def force_while_solved(law: ti.template(), contact, k, history: ti.template()) -> vec2:
-    """Elastic force (N) and tangent (N/m) of a closed contact.  Where the normal ``law`` softens,
-    its force is held while the others adapt."""
-    normal = law.force(contact, k, history)
+def force_while_solved(force: ti.template(), contact, k, history: ti.template()) -> vec2:
+    """Elastic force (N) and tangent (N/m) of a closed contact by the normal law's ``force``.  Where
+    that softens, it is held while the others adapt."""
+    normal = force(contact, k, history)
     return vec2(normal.elastic, ti.max(normal.stiffness, 0.0))
 
 

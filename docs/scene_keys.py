@@ -14,7 +14,8 @@ from typing import Any
 
 from taichi_dem.contacts.law import LAWS
 from taichi_dem.material import Material
-from taichi_dem.scene_file import GENERATE, KEYS, SOURCES, Run
+from taichi_dem.run_plan import Run
+from taichi_dem.scene_file import GENERATE, KEYS, SOURCES
 from taichi_dem.shapes import BOUNDARIES
 from taichi_dem.substrate import Layer, Relaxation, Substrate
 from taichi_dem.toml_text import inline

@@ -13,8 +13,8 @@ import numpy as np
 
 from taichi_dem.output import Progress
 from taichi_dem.run import FRAMES, ROWS, length, outputs, plain_warnings, read
+from taichi_dem.run_plan import Run
 from taichi_dem.scene import Scene
-from taichi_dem.scene_file import Run
 from taichi_dem.shapes import Boundary, Piston
 from taichi_dem.wording import clock, count, cubic, mass, quantity, span
 from taichi_dem.wording import memory as in_bytes
@@ -92,7 +92,7 @@ def what_there_is(scene: Scene) -> Iterator[tuple[str, str]]:
         sides = (quantity(side, "m") for side in scene.period)
         yield "period", "{} along x, {} along y".format(*sides)
     if scene.substrate is not None:
-        from taichi_dem.exchange import FAST_IMPACT
+        from taichi_dem.doubts import FAST_IMPACT
 
         soil = scene.substrate.material
         speed = soil.shear_wave_speed

@@ -3,107 +3,58 @@
 The same equations as ``halfspace.solve``: the effective overlaps d and points of contact x + c of
 contacts with overlaps delta over the undeformed surface satisfy
 
-    d + w(H(d), x + c) + c^2/(2R) = delta,    c = R grad(-w),
+    d + w(H(d), x + c) + c^2/(2R) = delta,    c = R grad(-w).
 
-(points: without c).  w is summed exactly (an evaluation), which is dear; its derivative dw/df is
-kept as a matrix that is a little old, which is cheap.  From the last state whose w is known, the
-model `w + (dw/df) (f - f_known)` is solved for the next guess, by semismooth Newton: its step s
-solves (I + C K) s = -defect, K = H'(d), by conjugate gradients in the inner product of K: nothing
-is divided by a stiffness that may vanish, and open contacts follow without a case of their own.
-Then w is evaluated there.  The defect falls a hundredfold or so from one evaluation to the next;
-and as the first model of a step knows w of the last one, and how it drifted from its models before,
-one evaluation is mostly enough.
+With the model of the surface that follows its kept matrix (:mod:`taichi_dem.coupled_contacts`) they
+are solved for the next guess, by semismooth Newton: its step s solves (I + C K) s = -defect,
+K = H'(d), by conjugate gradients in the inner product of K: nothing is divided by a stiffness that
+may vanish, and open contacts follow without a case of their own.  Then w is evaluated there.  The
+defect falls a hundredfold or so from one evaluation to the next; and as the first model of a step
+knows w of the last one, and how it drifted from its models before, one evaluation is mostly enough.
 
-What is summed is shared out in blocks, by one thread or a team: ``begin``, then ``share`` of all
+The way through is cut where sums are shared out in blocks: ``begin``, then ``share`` of all
 ``blocks`` and ``proceed`` in turn, until the ``phase`` is DONE.
-
-Loops over contacts count by themselves: of a ``for`` the compiler would make copies, unrolled and
-vectorised, that gain nothing here and take a third of the time to load the kernel.
 """
 
 import math
 
-from taichi_dem.pair_sums import PairSums, of
+from taichi_dem.contacts.contact import disagreement
+from taichi_dem.coupled_contacts import (
+    DIRECTION,
+    DONE,
+    EVALUATE,
+    MODEL,
+    RENEW,
+    START,
+    CoupledContacts,
+)
+from taichi_dem.pair_sums import of
 from taichi_dem.types import real, ti
 
-DONE, START, RENEW, MODEL, DIRECTION, EVALUATE = range(6)  # what is to be done next
 MOST_EVALUATIONS = 40
 MOST_STEPS = 20  # of Newton, between two evaluations
 MODEL_ERROR = 3e-3  # of the defect: the model is not solved further than it is right
 ENOUGH = 0.7  # of what is asked for: as far the model is solved, and a step of it
 STRAIGHT = 0.1  # of what counts as solved: a law that bends by less over a step is straight
 SLOW = 0.3  # a defect that falls by less calls for a new matrix
-MOVED = 0.02  # sphere radii: contacts that have moved so far get a new matrix
-GROWN = 0.1  # squared sphere radii: those whose squared radius has changed by so much, too
 
 
 @ti.data_oriented
-class CoupledSolve:
-    """Scratch fields for at most ``capacity`` contacts; ``law(k, d)`` gives what H and H' are.
+class CoupledSolve(CoupledContacts):
+    """As ``CoupledContacts``, in equilibrium with the surface."""
 
-    The caller sets, for each of ``count`` contacts, home_x, home_y (m), overlap delta (m), a guess
-    of effective d (m), radius R (m), size 3 R/(4 E*) (m2/N), opening (the d at which a contact
-    lets go, m), a guess shift_x, shift_y of c (m), and from the last step force (N) and base, the d
-    that the surface would leave if the forces stayed the same (m).  Come back force, effective and
-    shifts; gain (m), what the matrix made of the change of forces; and what the sums give.
-
-    A contact is live if it is not a gap already over the undeformed surface, which forces that
-    press can but widen.  The others are told what the surface does, and nothing else: so no bit
-    depends on how many gaps there are.  The matrix knows live contacts where they were when they
-    became it, or had moved on too far (``anchored``, and old places of the sums).
-    """
-
-    def __init__(
-        self,
-        capacity: int,
-        modulus: float,
-        finite: bool,
-        lagged: bool,
-        builder: "ti.FieldsBuilder",
-    ):
-        self.capacity, self.finite, self.lagged = capacity, finite, lagged
-        self.sums = PairSums(capacity, modulus, finite, builder)
-        self.count, self.force = self.sums.count, self.sums.force
-        for name in "phase tries rounds steps stale".split():
-            setattr(self, name, ti.field(ti.i32))
-            builder.place(getattr(self, name))
-        self.live, self.anchored = ti.field(ti.i32), ti.field(ti.i32)
-        builder.dense(ti.i, capacity).place(self.live, self.anchored)
-        for name in "residual goal scale error model_goal model_error product length".split():
+    def __init__(self, capacity: int, modulus: float, finite: bool, builder: "ti.FieldsBuilder"):
+        super().__init__(capacity, modulus, finite, builder)
+        self.rounds, self.steps = ti.field(ti.i32), ti.field(ti.i32)
+        builder.place(self.rounds, self.steps)
+        for name in "goal scale error model_goal model_error product length".split():
             setattr(self, name, ti.field(real))
             builder.place(getattr(self, name))
-        # How often since the start: exact sums, and products of the kept matrix.
-        self.evaluations, self.applications = ti.field(ti.i64), ti.field(ti.i64)
-        builder.place(self.evaluations, self.applications)
-        for name in (
-            "home_x home_y overlap effective radius size opening shift_x shift_y tangent"
-            " known base gain defect step remainder direction image loaded"
-        ).split():
+        for name in "step remainder direction image".split():
             setattr(self, name, ti.field(real))
             builder.dense(ti.i, capacity).place(getattr(self, name))
 
-    def fill(self, residual: float) -> None:
-        """Write the constants, after the fields have been placed."""
-        self.sums.fill()
-        self.residual[None] = residual
-
     # -- the way through -------------------------------------------------------------------------
-
-    @ti.func
-    def blocks(self):
-        """How many there are to share out in this phase."""
-        return ti.select(self.phase[None] == START, 0, self.sums.blocks())
-
-    @ti.func
-    def share(self, block):
-        """What there is to do in this phase for a block of contacts."""
-        phase = self.phase[None]
-        if phase == EVALUATE:
-            self.sums.evaluate(block)
-        elif phase == RENEW:
-            self.sums.renew(block)
-        else:
-            self.sums.apply(block)
 
     @ti.func
     def proceed(self, law: ti.template()) -> ti.i32:
@@ -114,10 +65,7 @@ class CoupledSolve:
         phase = self.phase[None]
         if phase == START:
             self.start()
-            if ti.static(self.lagged):
-                evaluation = 1
-            else:
-                load = 1
+            load = 1
         elif phase == RENEW:
             self.renewed()
             model = 1
@@ -129,12 +77,8 @@ class CoupledSolve:
             if load != 0:
                 self.take_step()
         elif phase == EVALUATE:
-            if ti.static(self.lagged):
-                self.follow()
-                load = 1
-            else:
-                solved = self.judge()
-                newton = ti.cast(self.phase[None] == MODEL, ti.i32)
+            solved = self.judge()
+            newton = ti.cast(self.phase[None] == MODEL, ti.i32)
         if newton != 0:
             load = 1 - self.start_newton()
             if load != 0:
@@ -157,75 +101,23 @@ class CoupledSolve:
 
     @ti.func
     def start(self):
-        """From the caller's guess to the first model; lagged, to an evaluation."""
+        """From the caller's guess to the first model."""
         scale = 0.0
         k = 0
         while k < self.count[None]:
             scale = ti.max(scale, self.overlap[k] - self.opening[k])
             if self.effective[k] > self.opening[k]:
                 scale = ti.max(scale, -self.opening[k])
-            self.known[k], self.gain[k] = self.force[k], 0.0
-            self.place(k)
-            live = self.overlap[k] > self.opening[k] or self.force[k] != 0.0
-            self.live[k] = ti.cast(live, ti.i32)
-            if not live:
+            self.meet(k)
+            if self.live[k] == 0:
                 self.effective[k], self.defect[k] = self.overlap[k], 0.0
+            self.keep_up(k, self.anchored[k] == 0)
             k += 1
         self.scale[None], self.goal[None] = scale, self.residual[None] * scale
         self.tries[None], self.error[None] = 0, math.inf
-        if ti.static(not self.lagged):
-            k = 0
-            while k < self.count[None]:
-                self.keep_up(k, self.anchored[k] == 0)
-                k += 1
-            self.begin_model(0.0)
+        self.begin_model(0.0)
 
-    # -- evaluations -----------------------------------------------------------------------------
-
-    @ti.func
-    def load(self, law: ti.template()):
-        """Force and tangent of the present d."""
-        k = 0
-        while k < self.count[None]:
-            force, tangent = 0.0, 0.0
-            if self.effective[k] > self.opening[k]:
-                answer = law(k, self.effective[k])
-                force, tangent = answer[0], ti.max(answer[1], 0.0)
-            self.force[k], self.tangent[k] = force, tangent
-
-            k += 1
-
-    @ti.func
-    def place(self, k):
-        """Where and how large contact ``k`` is with its present force."""
-        self.sums.x[k], self.sums.y[k] = self.home_x[k], self.home_y[k]
-        if ti.static(self.finite):
-            self.sums.x[k] = self.sums.x[k] + self.shift_x[k]
-            self.sums.y[k] = self.sums.y[k] + self.shift_y[k]
-            square = 0.0
-            if self.force[k] > 0.0:
-                square = ti.pow(self.size[k] * self.force[k], 2.0 / 3.0)
-            self.sums.square[k] = square
-
-    @ti.func
-    def call_evaluation(self):
-        """Of the present forces, at the present points of contact."""
-        k = 0
-        while k < self.count[None]:
-            self.place(k)
-            k += 1
-        self.sums.gather_sources()
-        self.evaluations[None] += 1
-        self.phase[None] = EVALUATE
-
-    @ti.func
-    def reached(self, k):
-        """The effective overlap that the surface leaves contact ``k``."""
-        reached = self.overlap[k] - of(self.sums.displacement, k)
-        if ti.static(self.finite):
-            square = self.shift_x[k] * self.shift_x[k] + self.shift_y[k] * self.shift_y[k]
-            reached -= 0.5 * square / self.radius[k]
-        return reached
+    # -- against the truth -----------------------------------------------------------------------
 
     @ti.func
     def miss(self, k, reached):
@@ -235,9 +127,7 @@ class CoupledSolve:
             if self.effective[k] <= opening and reached <= opening:
                 self.effective[k] = reached  # open, and stays open: solved outright
             self.defect[k] = self.effective[k] - reached
-            error = ti.abs(ti.max(self.effective[k], opening) - ti.max(reached, opening))
-            if not (ti.abs(self.defect[k]) < math.inf):  # not-a-number must not pass for solved
-                error = math.inf
+            error = disagreement(self.effective[k], reached, opening)
         return error
 
     @ti.func
@@ -267,51 +157,7 @@ class CoupledSolve:
             self.begin_model(MODEL_ERROR * error)
         return solved
 
-    @ti.func
-    def tilt(self, k):
-        """What a wrong point of contact ``k`` makes of overlaps, at most."""
-        wrong_x = self.radius[k] * of(self.sums.slope_x, k) - self.shift_x[k]
-        wrong_y = self.radius[k] * of(self.sums.slope_y, k) - self.shift_y[k]
-        felt = ti.abs(wrong_x * of(self.sums.slope_x, k) + wrong_y * of(self.sums.slope_y, k))
-        return felt + 0.5 * (wrong_x * wrong_x + wrong_y * wrong_y) / self.radius[k]
-
-    @ti.func
-    def keep_up(self, k, at_once):
-        """The matrix is to be for a live contact as it is now, if it has moved or grown too far."""
-        sums = self.sums
-        dx, dy = sums.x[k] - sums.old_x[k], sums.y[k] - sums.old_y[k]
-        square = self.radius[k] * self.radius[k]
-        far = dx * dx + dy * dy > MOVED * MOVED * square
-        grown = ti.abs(sums.square[k] - sums.old_square[k]) > GROWN * square
-        if self.live[k] != 0 and (at_once or far or grown):
-            sums.old_x[k], sums.old_y[k] = sums.x[k], sums.y[k]
-            sums.old_square[k], sums.moved[k] = sums.square[k], 1
-            self.stale[None] = 1
-
-    @ti.func
-    def follow(self):
-        """The surface as the last step's forces leave it."""
-        k = 0
-        while k < self.count[None]:
-            self.effective[k] = self.reached(k)
-            k += 1
-        self.phase[None] = DONE
-
-    # -- the model -------------------------------------------------------------------------------
-
-    @ti.func
-    def improve(self, k):
-        """What the surface would leave to a contact that touches it where it is now tilted to."""
-        base = self.overlap[k] - of(self.sums.displacement, k)
-        if ti.static(self.finite):
-            slope_x, slope_y = of(self.sums.slope_x, k), of(self.sums.slope_y, k)
-            x, y = self.radius[k] * slope_x, self.radius[k] * slope_y
-            base += slope_x * (x - self.shift_x[k]) + slope_y * (y - self.shift_y[k])
-            base -= 0.5 * (x * x + y * y) / self.radius[k]
-            self.shift_x[k], self.shift_y[k] = x, y
-        self.base[k], self.known[k] = base, self.force[k]
-        if self.live[k] != 0:
-            self.defect[k] = self.effective[k] - base
+    # -- on the model ----------------------------------------------------------------------------
 
     @ti.func
     def begin_model(self, goal):
@@ -320,14 +166,6 @@ class CoupledSolve:
         self.phase[None] = MODEL
         if self.stale[None] != 0:
             self.phase[None] = RENEW
-
-    @ti.func
-    def renewed(self):
-        k = 0
-        while k < self.count[None]:
-            self.sums.moved[k] = 0
-            k += 1
-        self.stale[None], self.phase[None] = 0, MODEL
 
     @ti.func
     def check_model(self) -> ti.i32:
@@ -341,10 +179,7 @@ class CoupledSolve:
         self.model_error[None] = error
         if error <= self.model_goal[None] or self.steps[None] >= MOST_STEPS:
             solved = 1
-            k = 0
-            while k < self.count[None]:
-                self.gain[k] = self.gain[k] + of(self.sums.image, k)
-                k += 1
+            self.note_gain()
         else:  # across a kink of the law a full step may overshoot
             self.length[None] = 1.0 if error < before else 0.5
         return solved

@@ -10,25 +10,15 @@ import numpy as np
 from halfspace import backend
 from taichi_dem import guards
 from taichi_dem.boundaries import Boundaries
-from taichi_dem.contact_list import ContactList
+from taichi_dem.coefficients import Coefficients
 from taichi_dem.control import OVERPRESSED, STALE, TOO_DEEP, UNSOLVED, Control
-from taichi_dem.creep import Creep
-from taichi_dem.drivers import Drivers
 from taichi_dem.effects import Effects
-from taichi_dem.energy import Energy
-from taichi_dem.exchange import Exchange
-from taichi_dem.expansion_newton import ImplicitExpansions
-from taichi_dem.expansions import Expansions
-from taichi_dem.forces import Coefficients, Forces
-from taichi_dem.geometry import Geometry
+from taichi_dem.good_state import GoodState
 from taichi_dem.grid import Grid, best_cell_size
+from taichi_dem.ground import Ground
 from taichi_dem.guards import SimulationStopped
-from taichi_dem.hosted import NO_EQUILIBRIUM, HostedExchange
-from taichi_dem.integrate import Verlet
-from taichi_dem.joint import JointExpansions
-from taichi_dem.lagged import LaggedWatch
 from taichi_dem.meeting import Meeting
-from taichi_dem.neighbors import Neighbors
+from taichi_dem.on_list import OnList, Standing
 from taichi_dem.pace import Pace, Skin
 from taichi_dem.particles import Particles
 from taichi_dem.scene import Scene, Spheres
@@ -42,7 +32,6 @@ PAIRS_PER_PARTICLE = 60  # of its contacts; likewise
 GROWTH = 1.3
 REORDER_ABOVE = 300  # particles: fewer are close together in the cache in any order
 REORDER_EVERY = 8  # rebuilds
-REMEMBERED = 200_000  # particles: what the contacts of more remember would take too much to keep
 
 
 class Engine:
@@ -62,8 +51,7 @@ class Engine:
         max_overlap: float,
         skin: float | None = None,
     ):
-        self.scene, self.time_step, self._coefficients = scene, time_step, coefficients
-        self.effects = effects
+        self.scene, self.time_step, self.effects = scene, time_step, effects
         spheres, materials = scene.spheres, scene.materials
         place = {material: index for index, material in enumerate(materials)}
         self.mass = spheres.mass
@@ -77,14 +65,18 @@ class Engine:
         self.boundaries = Boundaries(scene, self.particles, builder)
         for table in coefficients.values():
             table.place(builder)
-        self._soil = place[scene.substrate.material] if scene.substrate else -1
-        self.exchange = self._make_exchange(builder)
-        self._hosted = None
-        if self.exchange is not None and scene.substrate is not None:
-            self._hosted = HostedExchange(self.exchange, scene.substrate.relaxation)
-        self.lag = None
-        if self.exchange is not None and self.exchange.lagged:
-            self.lag = LaggedWatch(self.exchange)
+        self.ground = Ground(
+            scene.substrate,
+            scene.period,
+            self.particles,
+            scene.law,
+            effects,
+            coefficients["normal"],
+            materials,
+            self.control,
+            builder,
+        )
+        self.exchange = self.ground.exchange
         self.sleep = Sleep(self.particles, self.boundaries, builder) if effects.sleep else None
         self._trees = [builder.finalize()]
         weakref.finalize(self, _destroy, self._trees)
@@ -93,8 +85,7 @@ class Engine:
         self.boundaries.fill(place)
         for table in coefficients.values():
             table.fill()
-        if self.exchange is not None:
-            self.exchange.fill()
+        self.ground.fill()
 
         self._smallest = float(spheres.radius.min())
         self.skin = Skin(spheres.radius, skin)
@@ -104,6 +95,18 @@ class Engine:
         self._extent[: len(period)] = period
         self.grid = Grid(self.particles, self._set_skin(), self._extent, period)
         self._trees.append(self.grid.tree)
+        self._standing = Standing(
+            scene,
+            effects,
+            coefficients,
+            self.control,
+            self.meeting,
+            self.particles,
+            self.boundaries,
+            self.grid,
+            self.exchange,
+            self.sleep,
+        )
         self.lost, self.rebuilds, self.listing = 0.0, 0, 0.0
         self._pairs = PAIRS_PER_PARTICLE * spheres.count + 64
         self._listed = False  # nothing, so far
@@ -119,10 +122,7 @@ class Engine:
         self.boundaries.fill(self._place)
         if motion is not None:
             self.boundaries.write(motion)
-        if self._hosted is not None:
-            self._hosted.restart()
-        if self.lag is not None:
-            self.lag.restart()
+        self.ground.restart()
         if self.sleep is not None:
             self.sleep.wake_all(0)
         self.skin.restart()
@@ -133,15 +133,19 @@ class Engine:
 
     def _start(self) -> None:
         """Contacts and forces of a state that no step has led to."""
-        self._keep_good_state()
+        self.good = GoodState(self)
         self._stop_at_nonsense()
         self.rebuild(remember=False)
-        self._solve_on_host(0.0)
-        self._note_stored()
-        self.drivers.evaluate(0.0)
+        self.evaluate_at_rest()
         self.drivers.note_pushes()
         self._guard()  # forces belong to their list: a new one waits for the next step
         self.listing = 0.0  # s of wall time that making lists has taken since
+
+    def evaluate_at_rest(self) -> None:
+        """Forces of the present state, of which no step is known that has led to it."""
+        self._solve_on_host(0.0)
+        self.ground.note_stored()
+        self.drivers.evaluate(0.0)
 
     @property
     def step(self) -> int:
@@ -152,18 +156,16 @@ class Engine:
 
     def advance(self, steps: int) -> None:
         """Make ``steps`` >= 1 steps of velocity Verlet: half kick, drift, forces, half kick."""
-        self._keep_good_state()
+        self.good.keep(self)
         step = self.step + 1
-        last, diverges = step + steps - 1, False
+        last = step + steps - 1
         self.drivers.begin()
         while True:
             self._answer()
             if step >= self.skin.review:
                 self.rebuild()
-            until = min(last, self.skin.review)
-            if self.lag is not None:
-                diverges = self._found_to_diverge(self.lag, step)
-                until = min(until, self.lag.next)
+            diverges = self.ground.found_to_diverge(step)
+            until = min(last, self.skin.review, self.ground.next_look)
             if self.sleep is not None:
                 if step >= self.sleep.next:
                     self.lost += self.sleep.look(step, self.forces)
@@ -176,57 +178,25 @@ class Engine:
         self.drivers.finish()
         self._guard()
         self._stop_at_nonsense()
-        if self.lag is not None and diverges:
-            self._keep_good_state()
-            raise SimulationStopped(self._at_present(self.lag.reason()), None, self._good)
+        if diverges:
+            self.good.keep(self)
+            assert self.ground.lag is not None
+            raise SimulationStopped(
+                self._at_present(self.ground.lag.reason()), None, self.good.known
+            )
 
     def _make_steps(self, most: int) -> int:
         """As many steps as can be made before the host is needed, at most ``most``."""
-        if self._host is not None:
-            most = min(most, self._host.steps_to_next(self.step))
-        drivers = self.drivers
+        most, drivers = self.ground.steps_alone(self.step, most), self.drivers
         ways = {"serial": drivers.serial, "team": drivers.team, "parallel": drivers.loop}
         made = self.pace.advance(most, ways)
-        self._let_dents_be(made - 1)  # the first of the steps has been seen to
+        self.ground.let_dents_be(
+            made - 1, self.time_step
+        )  # the first of the steps has been seen to
         return made
 
-    @property
-    def creep(self) -> Creep | None:
-        """What a ground that creeps remembers."""
-        return None if self._hosted is None else self._hosted.creep
-
-    @property
-    def _host(self) -> HostedExchange | None:
-        """Who solves for the contacts with the substrate, if they are too many for the kernel."""
-        hosted = self._hosted
-        return hosted if hosted is not None and hosted.exchange.hosted else None
-
-    def _found_to_diverge(self, lag: LaggedWatch, step: int) -> bool:
-        """Whether a lagged exchange is to be stopped at this step, where its state is still sound:
-        so that it depends on no clock where that is."""
-        if step < lag.next:
-            return False
-        lag.look(step)
-        return lag.diverges and not self.scene.substrate.force_lagged  # type: ignore[union-attr]
-
     def _solve_on_host(self, time_step: float) -> None:
-        if self._host is not None:
-            together = self.exchange is not None and self.exchange.together
-            settle = self.drivers.settle if together else None
-            self._host.update(self.contacts, time_step, settle)
-        elif time_step > 0:
-            self._let_dents_be(1)
-
-    def _let_dents_be(self, steps: int) -> None:
-        """They recover, step by step, so that it does not matter how many are made at once."""
-        if self.creep is not None:
-            for _ in range(steps):
-                self.creep.wait(self.time_step)
-
-    def _note_stored(self) -> None:
-        """What the surface holds; the solve in the kernel says so at every step."""
-        if self._host is not None or self.creep is not None:
-            self._hosted.note_energy()  # type: ignore[union-attr]
+        self.ground.solve(self.contacts, time_step, self.drivers.settle)
 
     def _answer(self) -> None:
         """Do what the kernels called the host for."""
@@ -239,85 +209,26 @@ class Engine:
         if reasons & (1 << TOO_DEEP | 1 << UNSOLVED | 1 << OVERPRESSED):
             self._stop_at_nonsense()  # which may be behind either
         if reasons & 1 << TOO_DEEP:
-            records = self.records()
-            row, why = guards.describe_deepest(
-                records, self.scene.spheres.radius, float(self.control.deepest[None])
-            )
-            self._stop(why, row)
+            radius, limit = self.scene.spheres.radius, float(self.control.deepest[None])
+            self._stop(*guards.too_deep(self.records(), radius, limit))
         if reasons & 1 << OVERPRESSED:
-            self._stop(*guards.describe_overpressed(self.records()))
+            self._stop(*guards.overpressed(self.records()))
         if reasons & 1 << UNSOLVED:
-            self._stop(self._unsolved(), None)
+            self._stop(self.ground.trouble, None)
         return reasons
 
-    def _unsolved(self) -> str:
-        """Why the exchange has called for a stop."""
-        exchange = self.exchange
-        if exchange is not None and exchange.extrapolates and exchange.between.lost:
-            return exchange.between.reason()
-        return NO_EQUILIBRIUM if self._host is None else self._host.trouble
-
     def _stop_at_nonsense(self) -> None:
-        step, smallest = self.time_step, self._smallest
-        found = guards.first_offender(self.particles, self.boundaries, step, smallest)
-        if found >= 0:
-            self._stop(guards.describe_offender(self.particles, found, step), found)
-        if found < -1:
-            b = -2 - found
-            speed = self.boundaries.motion[b].speed
-            self._stop(guards.describe_boundary(b, speed, step, smallest), None)
+        boundaries, step, smallest = self.boundaries, self.time_step, self._smallest
+        if found := guards.nonsense(self.particles, boundaries, step, smallest):
+            self._stop(*found)
 
     def _stop(self, why: str, row: int | None) -> None:
         message = self._at_present(why)
-        good = self._good
-        self.particles.write(good["position"], good["velocity"], good["omega"])
-        self.boundaries.write(good["motion"])
-        self.control.step[None] = good["step"]
-        if self.exchange is not None:
-            self.exchange.forget()
-        if self.creep is not None:
-            self.creep.restore(good["creep"])
-        if self.lag is not None:
-            self.lag.restore(good["lag"])
-        if self.sleep is not None:
-            self.sleep.wake_all(good["step"])
-        self.skin.start_again(good["step"])
-        self.rebuild(remember=False, filed=good["contacts"])
-        self._solve_on_host(0.0)
-        self.drivers.evaluate(0.0)
-        if good["contacts"] is not None:  # which forces at rest have changed
-            self.rebuild(remember=False, filed=good["contacts"])
-            self.particles.write_load(good["force"], good["torque"])
-        self.control.flags.fill(0)
-        self.lost = good["lost"] - self.energy.loss(False)
-        raise SimulationStopped(message, row, good)
+        self.good.restore(self)
+        raise SimulationStopped(message, row, self.good.known)
 
     def _at_present(self, why: str) -> str:
         return f"at t = {self.step * self.time_step:.6g} s {why}."
-
-    def _keep_good_state(self) -> None:
-        state, contacts = self.particles.read(), self._contacts_on_file()
-        if contacts is None:  # forces are found anew
-            del state["force"], state["torque"]
-        self._good: dict[str, Any] = {
-            "time": self.step * self.time_step,
-            "step": self.step,
-            **state,
-            "motion": self.boundaries.read(),
-            "lost": self.lost + self.energy.loss(False),
-            "creep": None if self.creep is None else self.creep.save(),
-            "lag": None if self.lag is None else self.lag.save(),
-            "contacts": contacts,
-        }
-
-    def _contacts_on_file(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """What contacts remember, which friction, rolling, yielding or adhesion make them do; None
-        at the start, where they only know what their forces at rest tell them."""
-        remembers = self.effects.history or self.effects.adhesion
-        if not remembers or self.step == 0 or self.particles.count > REMEMBERED:
-            return None
-        self.neighbors.save(True)
-        return self.contacts.filed()
 
     # -- lists -----------------------------------------------------------------------------------
 
@@ -340,8 +251,7 @@ class Engine:
         self.grid.sort()
         if self.particles.count > REORDER_ABOVE and self.rebuilds % REORDER_EVERY == 0:
             self.particles.reorder(self.grid.particle)
-            if self.exchange is not None:
-                self.exchange.reorder(self.grid.particle)
+            self.ground.reorder(self.grid.particle)
             if self.sleep is not None:
                 self.sleep.reorder(self.grid.particle)
             self.grid.number_in_order()
@@ -358,80 +268,23 @@ class Engine:
             self.expansions.enrol()
         if self.boundaries.any_moves:
             self.boundaries.enrol(self.contacts)
-        if self.exchange is not None:
-            self.exchange.enrol(self.contacts)
+        self.ground.enrol(self.contacts)
         self.control.flags[STALE] = 0
         self.rebuilds += 1
         self.listing += time.perf_counter() - began
 
     def _make_list(self, capacity: int) -> None:
-        """A contact list of ``capacity``, and the kernels that work on it."""
-        old, spread = getattr(self, "contacts", None), getattr(self, "expansions", None)
-        self.contacts = ContactList(self.particles.count, capacity, self.effects)
-        self._trees.append(self.contacts.tree)
+        """A contact list of ``capacity``, and what works on it."""
+        old = getattr(self, "_on_list", None)
+        new = self._on_list = OnList(self._standing, capacity, self._pairs)
+        self.contacts, self.neighbors, self.expansions = new.contacts, new.neighbors, new.expansions
+        self.forces, self.drivers, self.energy = new.forces, new.drivers, new.energy
+        self._trees.extend(new.trees())
         if old is not None:
-            self.contacts.inherit(old)
-        self.neighbors = Neighbors(
-            self.particles,
-            self.boundaries,
-            self.contacts,
-            self.grid,
-            self.control,
-            self._soil >= 0,
-            self.effects,
-        )
-        self.expansions = self._make_expansions()
-        self.forces = Forces(
-            self.scene.law,
-            self.effects,
-            self._coefficients,
-            self.particles,
-            self.boundaries,
-            self.contacts,
-            self.exchange,
-            self._soil,
-            self.control,
-            self.expansions,
-        )
-        verlet = Verlet(self.particles, self.control, self.effects.rotation)
-        self.drivers = Drivers(
-            self.forces,
-            verlet,
-            self.boundaries,
-            self.exchange,
-            self.control,
-            self.meeting,
-            self.sleep,
-        )
-        self.energy = Energy(self.forces, self.exchange, self.boundaries)
-        if old is not None:
-            for tree in (old.tree, *([spread.tree] if spread else [])):
+            self.contacts.inherit(old.contacts)
+            for tree in old.trees():
                 self._trees.remove(tree)
                 tree.destroy()
-
-    def _make_expansions(self) -> Expansions | None:
-        """What a surface law computes with on the present list."""
-        law = self.scene.law
-        if law.surface is None:
-            return None
-        table = self._coefficients["surface"].table
-        geometry = Geometry(self.particles, self.boundaries, self._soil)
-        held = self.effects.reach
-        given = (law.surface, table, geometry, self.contacts, self.control, held)
-        if law.surface.lagged:
-            made = Expansions(*given)
-        else:
-            needs: dict[str, Any] = {
-                "normal": law.normal,
-                "normal_table": self._coefficients["normal"].table,
-                "pairs": self._pairs,
-            }
-            if self.exchange is None:
-                made = ImplicitExpansions(*given, **needs)
-            else:
-                made = JointExpansions(*given, **needs, exchange=self.exchange)
-        self._trees.append(made.tree)
-        return made
 
     def _set_skin(self) -> float:
         """Put the skin's width in force; returns the cell size that goes with it."""
@@ -440,29 +293,7 @@ class Engine:
             self.scene.spheres.radius, self.skin.width, float(np.prod(self._extent))
         )
 
-    def _make_exchange(self, builder: "ti.FieldsBuilder") -> Exchange | None:
-        substrate = self.scene.substrate
-        if substrate is None or substrate.exchange == "none":
-            return None
-        return Exchange(
-            substrate,
-            self.scene.period,
-            self.particles,
-            self.scene.law,
-            self.effects,
-            self._coefficients["normal"],
-            self._soil,
-            self.scene.materials,
-            self.control,
-            builder,
-        )
-
     # -- looking ---------------------------------------------------------------------------------
-
-    def doubts(self) -> dict[str, int]:
-        """How often so far what the substrate's model assumes did not hold, by name."""
-        counts = {} if self.exchange is None else self.exchange.counts()
-        return counts if self.lag is None else {**counts, "lagged_exchange": self.lag.risky}
 
     def particle_state(self) -> ParticleState:
         """The spheres now, in the user's order."""
@@ -480,9 +311,9 @@ class Engine:
 
     def energy_parts(self) -> dict[str, float]:
         """Where the energy is now, J."""
-        self._note_stored()
-        in_dents = 0.0 if self._hosted is None else self._hosted.in_dents
-        return self.energy.parts(np.array(self.scene.gravity), self.lost, in_dents)
+        self.ground.note_stored()
+        gravity = np.array(self.scene.gravity)
+        return self.energy.parts(gravity, self.lost, self.ground.in_dents)
 
 
 def _destroy(trees: list[Any]) -> None:

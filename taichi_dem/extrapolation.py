@@ -21,12 +21,11 @@ falls by the cube: the phase w_H T is watched at every exchange.
 
 from typing import Any
 
+from taichi_dem.doubts import STEEP, STEEP_PHASE, UNSEEN
 from taichi_dem.types import real, ti, vec2
 
-STEEP_PHASE = 0.3  # rad of a contact's own oscillation between exchanges: 1 % of its energy each
 LOST_PHASE = 1.0  # rad: a third of its energy in each of its periods
 NEVER = -1  # step of an exchange that has not been
-STEEP, UNSEEN = 16, 32  # what has been noticed of a contact, beside what ``exchange`` notices
 
 vec4 = ti.types.vector(4, real)
 
@@ -102,9 +101,8 @@ class Extrapolation:
             time = ti.cast(self.every[None], real) * self.control.time_step[None]
             phase = time * ti.sqrt(tangent * body.inverse_mass)
             self.phase[None] = ti.max(self.phase[None], phase)
-            if phase > STEEP_PHASE and ground.touched & STEEP == 0:
-                self.exchange.noticed[4] += 1
-                ground.touched |= STEEP
+            if phase > STEEP_PHASE:
+                ground.touched = self.exchange.doubts.note(STEEP, ground.touched)
         self.exchange.ground[i] = ground
 
     @ti.func
@@ -133,6 +131,6 @@ class Extrapolation:
             self.exchange.ground[i].slope = vec2(now[1], now[2])
             self.exchange.ground[i].stored = now[3]
             self.exchange.ground[i].force = self.exchange.elastic(i, overlap, history)[0]
-            if overlap > 0.0 and ground.age == 0 and ground.touched & UNSEEN == 0:
-                self.exchange.noticed[5] += 1
-                self.exchange.ground[i].touched = ground.touched | UNSEEN
+            if overlap > 0.0 and ground.age == 0:
+                touched = self.exchange.doubts.note(UNSEEN, ground.touched)
+                self.exchange.ground[i].touched = touched

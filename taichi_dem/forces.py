@@ -4,42 +4,19 @@ Two functions make a step: :meth:`Forces.evaluate` for each contact, :meth:`Forc
 particle.  Walls and spheres differ in their geometry alone; every law is called in one place.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from taichi_dem.boundaries import Boundaries
+from taichi_dem.coefficients import Coefficients
 from taichi_dem.contact_list import APART, FIRST_FACE, SUBSTRATE, TOUCHING, ContactList
 from taichi_dem.contacts.contact import at_rest, meet
 from taichi_dem.contacts.law import Law
 from taichi_dem.control import TOO_DEEP, Control
 from taichi_dem.effects import Effects
 from taichi_dem.geometry import Geometry
-from taichi_dem.material import Material
 from taichi_dem.particles import Particles
-from taichi_dem.types import real, ti, vec2, vec3
-
-
-class Coefficients:
-    """Per pair of materials, the numbers that one law computes with."""
-
-    def __init__(self, law: Law, slot: str, materials: Sequence[Material]):
-        self._law, self._slot, self._materials = law, slot, materials
-
-    def between(self, a: Material, b: Material) -> Mapping[str, float]:
-        """The coefficients of materials ``a`` and ``b``."""
-        return self._law.between(self._slot, a.name, b.name).coefficients(a, b)
-
-    def place(self, builder: "ti.FieldsBuilder") -> None:
-        """Make the table, for kernels."""
-        names = getattr(self._law, self._slot).coefficient_names
-        self.table = ti.Struct.field(dict.fromkeys(names, real))
-        builder.dense(ti.ij, len(self._materials)).place(self.table)
-
-    def fill(self) -> None:
-        """Write the table, after it has been placed."""
-        for row, a in enumerate(self._materials):
-            for column, b in enumerate(self._materials):
-                self.table[row, column] = dict(self.between(a, b))
+from taichi_dem.types import ti, vec2, vec3
 
 
 @ti.data_oriented

@@ -5,9 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from taichi_dem.boundaries import Boundaries
 from taichi_dem.particles import Particles
 from taichi_dem.types import real, ti
+from taichi_dem.views import relative_overlaps
 
+Reason = tuple[str, int | None]  # the words for it, and the sphere that it is about
 FARTHEST_STEP = 0.25  # of its radius that a sphere may move in one step
 
 
@@ -53,7 +56,20 @@ def first_offender(
     return found
 
 
-def describe_offender(particles: Particles, row: int, time_step: float) -> str:
+def nonsense(
+    particles: Particles, boundaries: Boundaries, time_step: float, smallest: float
+) -> Reason | None:
+    """What :func:`first_offender` finds, and the words for it."""
+    found = first_offender(particles, boundaries, time_step, smallest)
+    if found >= 0:
+        return _describe_offender(particles, found, time_step), found
+    if found < -1:
+        b = -2 - found
+        return _describe_boundary(b, boundaries.motion[b].speed, time_step, smallest), None
+    return None
+
+
+def _describe_offender(particles: Particles, row: int, time_step: float) -> str:
     """Why :func:`first_offender` found sphere ``row``."""
     state = particles.read()
     position, velocity = state["position"][row], state["velocity"][row]
@@ -69,7 +85,7 @@ def describe_offender(particles: Particles, row: int, time_step: float) -> str:
     )
 
 
-def describe_boundary(b: int, speed: float, time_step: float, smallest: float) -> str:
+def _describe_boundary(b: int, speed: float, time_step: float, smallest: float) -> str:
     """Why :func:`first_offender` found boundary ``b``, at ``speed`` (m/s)."""
     limit = FARTHEST_STEP * smallest / time_step
     return (
@@ -79,11 +95,9 @@ def describe_boundary(b: int, speed: float, time_step: float, smallest: float) -
     )
 
 
-def describe_deepest(records: np.ndarray, radius: np.ndarray, limit: float) -> tuple[int, str]:
-    """The sphere and the words for the deepest of the contacts."""
-    i, j = records["i"], records["j"]
-    smaller = np.where(j >= 0, np.minimum(radius[i], radius[np.maximum(j, 0)]), radius[i])
-    share = records["overlap"] / smaller
+def too_deep(records: np.ndarray, radius: np.ndarray, limit: float) -> Reason:
+    """The deepest of the contacts, and its sphere; ``limit``: share of the smaller radius."""
+    i, j, share = records["i"], records["j"], relative_overlaps(records, radius)
     k = int(np.argmax(share))
     other = (
         f"sphere {j[k]}"
@@ -92,16 +106,16 @@ def describe_deepest(records: np.ndarray, radius: np.ndarray, limit: float) -> t
         if j[k] == -1
         else f"boundary {-2 - j[k]}"
     )
-    return int(i[k]), (
+    return (
         f"sphere {i[k]} overlaps {other} by {records['overlap'][k]:.3g} m at "
         f"{_point(records['position'][k])} m, {share[k]:.2g} of the smaller radius (limit "
         f"{limit:g}): the model of small strains fails. Try a smaller time step, stiffer material, "
         "lower speed or load; in Python, dem.Simulation(max_overlap=...) sets the limit"
-    )
+    ), int(i[k])
 
 
-def describe_overpressed(records: np.ndarray) -> tuple[str, int]:
-    """The words for spheres that give way, and the one whose surface has risen most."""
+def overpressed(records: np.ndarray) -> Reason:
+    """Spheres that give way, and the one whose surface has risen most."""
     expansion = records["expansion"]
     k = int(np.argmax(expansion.max(axis=1)))
     side = int(np.argmax(expansion[k]))

@@ -11,7 +11,8 @@ import halfspace
 from taichi_dem.contact_list import ContactList
 from taichi_dem.control import UNSOLVED
 from taichi_dem.creep import Creep
-from taichi_dem.exchange import CLOSE_POINTS, Exchange
+from taichi_dem.doubts import CLOSE_POINTS
+from taichi_dem.exchange import Exchange
 from taichi_dem.members import Members, MembersOnHost
 from taichi_dem.periodic import wrapped
 from taichi_dem.substrate import Relaxation

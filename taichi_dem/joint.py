@@ -20,9 +20,9 @@ import math
 from typing import Any
 
 from taichi_dem.contact_list import SUBSTRATE
-from taichi_dem.control import OVERPRESSED, UNSOLVED
+from taichi_dem.control import UNSOLVED
+from taichi_dem.coupled_contacts import RENEW as RENEW_MATRIX
 from taichi_dem.coupling import ENOUGH, MODEL_ERROR, MOST_EVALUATIONS, SLOW
-from taichi_dem.coupling import RENEW as RENEW_MATRIX
 from taichi_dem.exchange import Exchange
 from taichi_dem.expansion_newton import (
     ADVANCE,
@@ -246,17 +246,11 @@ class JointExpansions(ImplicitExpansions):
         elif found[0] <= self.goal[None] and self.on_host():
             self.phase[None] = TILT
         elif found[0] <= self.goal[None]:
-            k = 0
-            while k < solver.count[None]:
-                solver.gain[k] = solver.gain[k] + of(solver.sums.image, k)
-                k += 1
+            solver.note_gain()
             solver.call_evaluation()
             self.phase[None] = EVALUATE
-        elif self.made[None] == self.law.iterations:
-            self.control.raise_flag(OVERPRESSED)
-            self.phase[None] = TILT
         else:
-            self.begin_newton_step(found)
+            self.try_newton_step(found)
         return goes_on
 
     @ti.func

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import halfspace
+from taichi_dem.doubts import RISKY
 from taichi_dem.exchange import Exchange
 from taichi_dem.members import MembersOnHost
 
@@ -18,7 +19,7 @@ LOOK_EVERY = 97  # steps; odd, as what diverges alternates
 FIRST_LOOKS, FIRST_EVERY = 8, 3  # at contacts that bear load, soon after one another
 IDLE_EVERY = 24  # while there is nobody to look at
 FAINTEST = 1e-3  # part of a contact in the vector, that it may grow when others have gone
-RISKY, DIVERGENT = 0.5, 1.0  # spectral radii
+DIVERGENT = 1.0  # spectral radius
 
 
 class LaggedWatch:

@@ -71,7 +71,7 @@ def member(struct: Any, name: str) -> int:
 
 
 def _substrate(exchange: Any) -> int:
-    parts = [exchange, exchange.solver, exchange.solver.sums]
+    parts = [exchange, exchange.doubts, exchange.solver, exchange.solver.sums]
     if exchange.extrapolates:
         parts.append(exchange.between)
     return sum(fields(one) for one in parts)

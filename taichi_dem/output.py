@@ -18,7 +18,7 @@ import numpy as np
 
 from taichi_dem.frames import Frames
 from taichi_dem.progress import Progress
-from taichi_dem.scene_file import Run
+from taichi_dem.run_plan import Run
 from taichi_dem.snapshot import FILE, Snapshot
 from taichi_dem.validation import InputError, Problem
 from taichi_dem.writing import Output, check_every, check_points, replacing, write_text

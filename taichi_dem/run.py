@@ -17,8 +17,8 @@ import numpy as np
 from taichi_dem import folder as folders
 from taichi_dem import scene_file
 from taichi_dem.output import Frames, History, Output, Progress, State, Summary, amend
+from taichi_dem.run_plan import Run
 from taichi_dem.scene import Scene
-from taichi_dem.scene_file import Run
 from taichi_dem.validation import InputError, Problem, Range, number_problem
 from taichi_dem.wording import clock, count, quantity, span
 

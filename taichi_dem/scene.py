@@ -85,10 +85,10 @@ class Scene:
 
     def to_toml(self, path: str | Path, run: Any = None) -> None:
         """Write a scene file that :meth:`from_toml` reads back equal; ``run``, a
-        :class:`taichi_dem.scene_file.Run`, says how to run it."""
-        from taichi_dem import scene_file
+        :class:`taichi_dem.run_plan.Run`, says how to run it."""
+        from taichi_dem import scene_writer
 
-        scene_file.write(path, self, run)
+        scene_writer.write(path, self, run)
 
     def _kind_problems(self) -> list[Problem | None]:
         def check(path: str, value: Any, kind: Any, what: str) -> Problem | None:

@@ -1,24 +1,21 @@
-"""Scenes as TOML files. The keys are the names that Python has; every mistake names its key."""
+"""Scenes from TOML files. The keys are the names that Python has; every mistake names its key."""
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from taichi_dem.material import Material
+from taichi_dem.run_plan import Run
 from taichi_dem.scene import Scene
 from taichi_dem.shapes import BOUNDARIES
 from taichi_dem.spheres import Spheres
 from taichi_dem.substrate import Layer, Relaxation, Substrate
 from taichi_dem.tables import Tables, override, plain
-from taichi_dem.toml_text import toml_text
-from taichi_dem.validation import InputError, Problem, parameter, unknown, validate
-from taichi_dem.writing import write_text
+from taichi_dem.validation import InputError, Problem, unknown
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -46,46 +43,7 @@ SOURCES_SAID = ", ".join(SOURCES)
 GENERATE = ("radius", "region", "count", "volume_fraction", "seed", "periodic")
 READERS = {".csv": Spheres.from_csv, ".npz": Spheres.from_npz}
 INSTEAD = {"run.steps": "duration", "run.duration": "steps"}  # which a replaced entry replaces
-INLINE = 1000  # more spheres than this are kept in a file beside the scene's
 UNKNOWN_MATERIAL = Material("unknown", density=1.0, youngs_modulus=1.0, poissons_ratio=0.0)
-
-_SWITCHES = {
-    "energy_balance": "whether what is lost is summed up",
-    "estimate_neglected": "whether what the scene leaves out is estimated at the end",
-}
-
-
-@dataclasses.dataclass(frozen=True)
-class Run:
-    """How long to run a scene (``duration`` or ``steps``) and how often to write what."""
-
-    duration: float | None = parameter("s", "simulated time", default=None, above=0.0)
-    steps: int | None = None
-    dt: float | None = parameter("s", "time step", default=None, above=0.0)
-    frames: float | None = parameter("s", "time between frames", default=None, above=0.0)
-    history: float | None = parameter("s", "time between lines", default=None, above=0.0)
-    energy_balance: bool = True
-    estimate_neglected: bool = True
-
-    def __post_init__(self) -> None:
-        problems = []
-        if self.steps is not None:
-            whole = isinstance(self.steps, int) and not isinstance(self.steps, bool)
-            if not whole or self.steps < 1:
-                problems.append(Problem("steps", self.steps, "must be a whole number >= 1"))
-            if self.duration is not None:
-                problems.append(Problem("steps", self.steps, "give duration or steps, not both"))
-        if _numbers(self.dt, self.duration) and self.dt > self.duration:  # type: ignore[operator]
-            rule = f"must be at most the duration, {self.duration:g} s, of which it is one step"
-            problems.append(Problem("dt", self.dt, rule))
-        for name, meaning in _SWITCHES.items():
-            if not isinstance(value := getattr(self, name), bool):
-                problems.append(Problem(name, value, f"must be true or false: {meaning}"))
-        validate(self, *problems, name="run")
-
-
-def _numbers(*values: Any) -> bool:
-    return all(isinstance(value, Real) and not isinstance(value, bool) for value in values)
 
 
 def read(path: str | Path, overrides: Iterable[str] = (), laws: Any = None) -> tuple[Scene, Run]:
@@ -105,23 +63,6 @@ def read(path: str | Path, overrides: Iterable[str] = (), laws: Any = None) -> t
     if laws is None:
         from taichi_dem.contacts import law as laws
     return _Reader(path.parent, laws).read(document, overrides)
-
-
-def write(path: str | Path, scene: Scene, run: Run | None = None) -> None:
-    """A file that :func:`read` reads back equal; many spheres go to a file beside it."""
-    path = Path(path)
-    document = {
-        "gravity": list(scene.gravity),
-        "period": list(scene.period) if scene.period else None,
-        "sleep": scene.sleep or None,
-        "materials": {m.name: _without(plain(m), "name") for m in scene.materials},
-        "spheres": _spheres_table(scene.spheres, path),
-        "boundaries": [{"type": wall.kind, **_named(wall)} for wall in scene.boundaries],
-        "substrate": _named(scene.substrate) if scene.substrate else None,
-        "law": _law_table(scene.law),
-        "run": plain(run) if run else None,
-    }
-    write_text(path, toml_text(document))
 
 
 class _Reader(Tables):
@@ -292,38 +233,3 @@ class _Reader(Tables):
             self.note(path, None, "changes a law that is not given, or not right, for all pairs")
             return None
         return self.build(type(general), plain(general) | self.table(value, path), path)
-
-
-def _without(table: dict[str, Any], key: str) -> dict[str, Any]:
-    return {name: value for name, value in table.items() if name != key}
-
-
-def _named(instance: Any) -> dict[str, Any]:
-    """The table of a dataclass, its material by name."""
-    return plain(instance) | {"material": instance.material.name}
-
-
-def _spheres_table(spheres: Spheres, path: Path) -> dict[str, Any]:
-    if spheres.count > INLINE:
-        beside = path.with_suffix(".spheres.npz")
-        spheres.to_npz(beside)
-        return {"file": beside.name}
-    names = [material.name for material in spheres.materials]
-    each = [names[k] for k in spheres.material_index]
-    table: dict[str, Any] = {"material": each if len(names) > 1 else names[0]}
-    for name in ("radius", "position", "velocity", "omega"):
-        values = getattr(spheres, name)
-        if name in ("radius", "position") or values.any():
-            table[name] = values.tolist()
-    return table
-
-
-def _law_table(law: Any) -> dict[str, Any]:
-    slots = [field.name for field in dataclasses.fields(law) if field.name != "pairs"]
-    parts = {slot: getattr(law, slot) for slot in slots if getattr(law, slot) is not None}
-    pairs = [
-        {"materials": list(names), **{slot: plain(part) for slot, part in laws.items()}}
-        for names, laws in law.pairs.items()
-    ]
-    described = {slot: {"type": type(part).__name__, **plain(part)} for slot, part in parts.items()}
-    return {**described, "pairs": pairs or None}

@@ -1,10 +1,7 @@
 """A scene in motion, as a user runs it and looks at it."""
 
 import dataclasses
-import inspect
-import math
 import time
-import warnings
 from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
@@ -12,22 +9,27 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from halfspace import backend
-from taichi_dem.contact_list import FIRST_FACE, SUBSTRATE
-from taichi_dem.contacts.elasticity import effective_youngs_modulus
+from taichi_dem.alerts import Alerts
+from taichi_dem.asked import refuse_options, refuse_step, steps_asked
+from taichi_dem.coefficients import Coefficients
 from taichi_dem.effects import Effects, effects_of
 from taichi_dem.engine import Engine
 from taichi_dem.exchange import ground_of
-from taichi_dem.forces import Coefficients
-from taichi_dem.guards import FARTHEST_STEP, SimulationStopped
+from taichi_dem.ground_view import substrate_state
+from taichi_dem.guards import SimulationStopped
 from taichi_dem.memory import by_effect
-from taichi_dem.pace import WAYS
 from taichi_dem.periodic import narrow_problem
-from taichi_dem.pressed import Pressed
 from taichi_dem.scene import Scene, Spheres
 from taichi_dem.schedule import Schedule, interruptible
 from taichi_dem.time_step import StableStep, stable_time_step
-from taichi_dem.validation import InputError, Problem, Range, number_problem, unknown
-from taichi_dem.views import BoundaryState, ParticleState, SubstrateState
+from taichi_dem.validation import InputError, Problem
+from taichi_dem.views import (
+    BoundaryState,
+    ParticleState,
+    SubstrateState,
+    boundary_states,
+    relative_overlaps,
+)
 from taichi_dem.writing import Output
 
 if TYPE_CHECKING:
@@ -36,33 +38,6 @@ if TYPE_CHECKING:
 SECONDS_PER_CHUNK = 0.3  # between two looks at the world outside; no result depends on it
 FIRST_CHUNK = 50  # steps
 STEPS_TO_LOOK = 100  # at the energy, at least, and a tenth of those made
-MADE = 0.05  # of the largest part of the energy: so much from nothing is warned of
-ROUNDING = 1e-9  # of the energy in the heights, at most
-DRIVERS = ("auto", *WAYS)
-
-WARNINGS = {
-    "fast_impacts": "a sphere hit the substrate at more than a tenth of its shear wave speed: the "
-    "substrate is taken as quasi-static, and waves that carry energy away are left out",
-    "wide_contacts": "a contact with the substrate is wider than 0.3 of its sphere's radius: "
-    "strains are not small",
-    "close_points": "contacts with the substrate are closer than 6 of their radii: "
-    'coupling="point" neglects their size, coupling="finite" does not',
-    "wide_for_layer": "a contact is wide for the thickness of the layer below it: beyond 0.4 of it "
-    "(0.2 for points) forces err by a percent and more",
-    "sparse_exchange": "a contact with the substrate turns by more than 0.3 rad of its own "
-    "oscillation between two exchanges: extrapolation takes or gives some percent of its energy in "
-    "each of its periods; a smaller exchange_every or time step does less",
-    "unseen_contacts": "a sphere met the substrate between two exchanges of which the last one did "
-    "not know it, and found the surface undeformed: exchange_every times the step is long for "
-    "spheres so fast",
-    "lagged_exchange": "the lagged exchange is close to divergence, with a spectral radius above "
-    '0.5: it damps some motions and feeds others; exchange="implicit" does not',
-}
-
-
-_STEP = Range("s", "time step", above=0)
-_SKIN = Range("m", "how far beyond touching contacts are listed", above=0)
-_DEEPEST = Range("-", "share of the smaller radius", above=0, at_most=1)
 
 
 class Simulation:
@@ -87,20 +62,12 @@ class Simulation:
         energy_balance: bool = True,
         skin: float | None = None,
     ):
-        problems = [number_problem("max_overlap", max_overlap, _DEEPEST)]
-        if driver not in DRIVERS:
-            problems.append(unknown("driver", driver, driver, DRIVERS, "driver"))
-        if dt is not None:
-            problems.append(number_problem("dt", dt, _STEP))
-        if skin is not None:
-            problems.append(number_problem("skin", skin, _SKIN))
-        if found := [problem for problem in problems if problem]:
-            raise InputError(found)
-        self._refuse_step(dt, scene.spheres)
+        refuse_options(dt, driver, max_overlap, skin)
+        refuse_step(dt, scene.spheres)
         backend.start()
         self.scene, self.steps = scene, 0
         self._built_with = scene.spheres
-        self.warnings: dict[str, int] = {}
+        self.warnings = Alerts(self)
         self._memo: dict[str, Any] = {}
         self._outcome, self._chunk, self._next_look = "not run yet", FIRST_CHUNK, STEPS_TO_LOOK
         effects = effects_of(scene, energy_balance)
@@ -113,7 +80,7 @@ class Simulation:
         }
         self._coefficients = coefficients
         self._stepping = self._writing = 0.0  # s of wall time
-        self._ground = ground_of(scene.substrate, scene.period) if scene.substrate else None
+        self._surface = ground_of(scene.substrate, scene.period) if scene.substrate else None
         self.dt, self.dt_reason = self._choose_step(dt)
         try:
             self._engine = Engine(scene, effects, coefficients, self.dt, driver, max_overlap, skin)
@@ -136,12 +103,10 @@ class Simulation:
         nothing is compiled, so that series and ensembles are cheap. Raises ``InputError``, after
         which the simulation is as it was.
         """
-        if dt is not None and (problem := number_problem("dt", dt, _STEP)):
-            raise InputError([problem])
         given = {"position": position, "velocity": velocity, "omega": omega}
         changed: Any = {name: values for name, values in given.items() if values is not None}
         spheres = dataclasses.replace(self._built_with, **changed)
-        self._refuse_step(dt, spheres)
+        refuse_step(dt, spheres)
         self.scene = dataclasses.replace(self.scene, spheres=spheres)
         self._restart(spheres, dt)
 
@@ -175,7 +140,7 @@ class Simulation:
         Ctrl-C ends the run between two steps, with the outputs finished; ``SimulationStopped`` is
         raised when a guard stops it, with the outputs finished at the last good state.
         """
-        last = self.steps + _steps_asked(duration, steps, self.dt)
+        last = self.steps + steps_asked(duration, steps, self.dt)
         schedule = Schedule(outputs, self.dt)
         self._outcome = "running"
         with interruptible() as asked_to_stop:
@@ -219,71 +184,33 @@ class Simulation:
         self._stepping += took
         per_step = took / steps
         self._chunk = max(1, int(SECONDS_PER_CHUNK / per_step))
-        self._watch()
+        self.warnings.look_at_substrate(self._engine.ground.doubts())
 
     @property
     def stable(self) -> StableStep:
         """The stable step of the scene, and what sets it."""
-        base, ground = 0.0, self._ground
-        if ground is not None and (ground.layer is not None or ground.period is not None):
-            base = min(0.0, float(ground.matrix(np.zeros((1, 2)))[0, 0]))
+        base, surface = 0.0, self._surface
+        if surface is not None and (surface.layer is not None or surface.period is not None):
+            base = min(0.0, float(surface.matrix(np.zeros((1, 2)))[0, 0]))
         return stable_time_step(self.scene, self._coefficients, base)
-
-    def _refuse_step(self, dt: float | None, spheres: Spheres) -> None:
-        """Where a sphere would go too far in its first step."""
-        if dt is None:
-            return
-        speed = np.linalg.norm(spheres.velocity, axis=1)
-        row = int((speed / spheres.radius).argmax())
-        if (limit := FARTHEST_STEP * spheres.radius[row]) <= speed[row] * dt:
-            rule = (
-                f"must be < {limit / speed[row]:.3g} s: sphere {row} at {speed[row]:.3g} m/s would "
-                f"move more than {FARTHEST_STEP:g} of its radius in a step, through others perhaps"
-            )
-            raise InputError([Problem("dt", dt, rule)])
 
     def _choose_step(self, dt: float | None) -> tuple[float, str]:
         stable = self.stable
         if dt is None:
             return stable.value, stable.reason
         if dt > stable.value:
-            self._warn(
+            self.warnings.tell(
                 "time_step",
                 f"dt = {dt:.3g} s is beyond the stable step of {stable.value:.3g} s, which is "
                 f"{stable.reason}",
             )
         return float(dt), f"given; the stable step is {stable.value:.3g} s, {stable.reason}"
 
-    def _warn(self, name: str, message: str, count: int = 1) -> None:
-        """Warn once of each kind, at the line that called this class, and keep the count."""
-        if name not in self.warnings:
-            frame, level = inspect.currentframe(), 1
-            while frame and frame.f_locals.get("self") is self:
-                frame, level = frame.f_back, level + 1
-            warnings.warn(message, RuntimeWarning, stacklevel=level)
-        self.warnings[name] = count
-
-    def _watch(self) -> None:
-        """Warn where the substrate's assumptions fail."""
-        for name, count in self._engine.doubts().items():
-            if count > self.warnings.get(name, 0):
-                self._warn(name, WARNINGS[name], count)
-
     def _watch_energy(self) -> None:
-        """Warn where energy has come from nothing, now and then."""
-        if not self.effects.balanced or self.steps < self._next_look:
-            return
-        self._next_look = self.steps + max(STEPS_TO_LOOK, self.steps // 10)
-        parts = self.energy()
-        made, height = parts.pop("balance_error"), abs(parts.pop("gravity"))
-        most = max(abs(part) for part in parts.values())
-        if made > max(MADE * most, ROUNDING * height):
-            self._warn(
-                "energy",
-                f"{made:.3g} J have come from nothing, beside {most:.3g} J in motion, contacts or "
-                f"heat. The time step of {self.dt:.3g} s may be too long: stable is "
-                f"{self.stable.value:.3g} s",
-            )
+        """Look where it comes from, now and then."""
+        if self.effects.balanced and self.steps >= self._next_look:
+            self._next_look = self.steps + max(STEPS_TO_LOOK, self.steps // 10)
+            self.warnings.look_at_energy(self.energy(), self.dt, self.stable.value)
 
     # -- looking ---------------------------------------------------------------------------------
 
@@ -342,10 +269,8 @@ class Simulation:
 
     def largest_overlap(self) -> float:
         """Over the smaller radius."""
-        records, radius = self.contacts(), self.scene.spheres.radius
-        i, j = records["i"], records["j"]
-        smaller = np.where(j >= 0, np.minimum(radius[i], radius[np.maximum(j, 0)]), radius[i])
-        return float((records["overlap"] / smaller).max(initial=0.0))
+        shares = relative_overlaps(self.contacts(), self.scene.spheres.radius)
+        return float(shares.max(initial=0.0))
 
     def summary(self) -> dict[str, Any]:
         """What ``summary.json`` says of the simulation, beside its state."""
@@ -358,7 +283,7 @@ class Simulation:
             "precision": backend.PRECISION,
             "rebuilds": self._engine.rebuilds,
             "skin_m": self._engine.skin.width,
-            **self._exchange_summary(),
+            **self._engine.ground.margins(),
             **({"asleep": int(self.asleep.sum())} if self.effects.sleep else {}),
             "seconds": {
                 "steps": self._stepping - lists,
@@ -375,88 +300,18 @@ class Simulation:
             },
         }
 
-    def _exchange_summary(self) -> dict[str, float]:
-        """How far its cheaper ways are from failing."""
-        lag, exchange = self._engine.lag, self._engine.exchange
-        if lag is not None:
-            return {"lagged_spectral_radius": lag.largest}
-        if exchange is not None and exchange.extrapolates:
-            return {"exchange_phase": float(exchange.between.largest[None])}
-        return {}
-
     def _once(self, name: str, make: Any) -> Any:
         if name not in self._memo:
             self._memo[name] = make()
         return self._memo[name]
 
     def _substrate_state(self) -> SubstrateState:
-        records = self.contacts()
-        records = records[records["j"] == SUBSTRATE]
-        rows = records["i"]
-        force, expansion = records["force"][:, 2], np.zeros(len(rows))
-        slope = np.zeros((len(rows), 2))
-        if self._engine.exchange is not None:
-            force, expansion, slope = (values[rows] for values in self._engine.exchange.read())
-        load, overlap, creep = force, records["overlap"], self._engine.creep
-        dents = np.empty((0, 2)), np.empty(0), np.empty(0)
-        if creep is not None:
-            load, dents = creep.load(rows, force), creep.dents(rows)
-            overlap = creep.depth(self._pressed(rows), force)
-        return SubstrateState(
-            particle=rows,
-            position=self.particles.position[rows, :2],
-            force=force,
-            expansion=expansion,
-            slope=slope,
-            contact_radius=self._contact_radius(rows, overlap),
-            load=load,
-            dent_position=dents[0],
-            dent_load=dents[1],
-            dent_radius=dents[2],
-            ground=self._ground,
-        )
-
-    def _pressed(self, rows: np.ndarray) -> Pressed:
-        """The spheres ``rows`` on the ground."""
-        spheres, ground = self.scene.spheres, self.scene.substrate
-        assert ground is not None
-        moduli = [effective_youngs_modulus(kind, ground.material) for kind in spheres.materials]
-        which = spheres.material_index[rows]
-        place = self.particles.position[rows, :2]
-        return Pressed(rows, place, spheres.radius[rows], np.array(moduli)[which])
-
-    def _contact_radius(self, rows: np.ndarray, overlap: np.ndarray) -> np.ndarray:
-        """Of contacts of the spheres ``rows`` with the substrate, m."""
-        scene, radius = self.scene, self.scene.spheres.radius[rows]
-        if not self.effects.adhesion:
-            return np.sqrt(radius * overlap)
-        assert scene.substrate is not None
-        law, soil = scene.law, scene.substrate.material
-        kinds = [
-            law.between("normal", material.name, soil.name) for material in scene.spheres.materials
-        ]
-        k = [
-            kind.coefficients(material, soil)
-            for kind, material in zip(kinds, scene.spheres.materials, strict=True)
-        ]
-        which = scene.spheres.material_index[rows]
-        found = [
-            law.normal.contact_radius(k[m], r, d)
-            for m, r, d in zip(which, radius, overlap, strict=True)
-        ]
-        return np.array(found)
+        assert self._surface is not None
+        ground, records = self._engine.ground, self.contacts()
+        return substrate_state(self.scene, ground, self._surface, self.particles, records)
 
     def _boundary_states(self) -> list[BoundaryState]:
-        records = self.contacts()
-        states = []
-        for b in range(self._engine.boundaries.count):
-            mine = records[records["j"] == FIRST_FACE - b]
-            position, velocity = self._engine.boundaries.state(b)
-            torque = np.cross(mine["position"] - position, -mine["force"]).sum(axis=0)
-            if self.effects.rolling:
-                torque -= mine["torque"].sum(axis=0)
-            states.append(BoundaryState(-mine["force"].sum(axis=0), torque, position, velocity))
-        return states
+        return boundary_states(self._engine.boundaries, self.contacts())
 
     def _energy_parts(self) -> dict[str, float]:
         return self._once("energy", self._engine.energy_parts)
@@ -468,16 +323,3 @@ def _total(parts: dict[str, float]) -> float:
         sum(value for part, value in parts.items() if part != "external_work")
         - parts["external_work"]
     )
-
-
-def _steps_asked(duration: float | None, steps: int | None, dt: float) -> int:
-    if (duration is None) == (steps is None):
-        raise InputError([Problem("duration", None, "give either duration (s) or steps")])
-    if steps is not None:
-        if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or steps < 0:
-            raise InputError([Problem("steps", steps, "must be a whole number >= 0")])
-        return int(steps)
-    if problem := number_problem("duration", duration, Range("s", "simulated time", at_least=0)):
-        raise InputError([problem])
-    assert duration is not None
-    return math.ceil(duration / dt * (1 - 1e-12))

@@ -157,3 +157,23 @@ def contact_records(
     for name, values in named.items():
         records[name] = values
     return records
+
+
+def relative_overlaps(records: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """The overlaps of contact ``records`` over the smaller ``radius`` (of the spheres, m)."""
+    i, j = records["i"], records["j"]
+    smaller = np.where(j >= 0, np.minimum(radius[i], radius[np.maximum(j, 0)]), radius[i])
+    return records["overlap"] / smaller
+
+
+def boundary_states(boundaries: Boundaries, records: np.ndarray) -> list[BoundaryState]:
+    """One for each boundary, from all the contact ``records``."""
+    states = []
+    for b in range(boundaries.count):
+        mine = records[records["j"] == FIRST_FACE - b]
+        position, velocity = boundaries.state(b)
+        torque = np.cross(mine["position"] - position, -mine["force"]).sum(axis=0)
+        if "torque" in mine.dtype.names:
+            torque -= mine["torque"].sum(axis=0)
+        states.append(BoundaryState(-mine["force"].sum(axis=0), torque, position, velocity))
+    return states

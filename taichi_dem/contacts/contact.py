@@ -5,7 +5,11 @@ Conventions: ``normal`` points from j to i, ``overlap`` is positive when touchin
 zero curvature and zero inverse mass: no law needs to know whether j is one.
 """
 
-from taichi_dem.types import real, ti, vec3
+import math
+
+from taichi_dem.types import real, ti, vec2, vec3
+
+HELD_BEYOND = 2.0  # times its opening: as far a contact holds that opens while others are solved
 
 Contact = ti.types.struct(
     normal=vec3,
@@ -85,3 +89,36 @@ def at_rest(overlap: real, effective_radius: real, effective_mass: real) -> Cont
         effective_mass=effective_mass,
         time_step=0.0,
     )
+
+
+@ti.func
+def hold_while_solved(
+    holds: ti.template(), opening_of: ti.template(), contact, k, history: ti.template(), touched
+):
+    """Whether an adhesive contact holds, and the overlap (m) at which its force ends: while forces
+    are solved for none jumps, so that there is an equilibrium.  ``holds`` and ``opening_of`` are
+    the normal law's (of which one compiler would take the law itself apart)."""
+    held, opening = contact.overlap > 0.0, 0.0
+    if touched:
+        held = holds(contact, k, history) != 0
+    if held:
+        opening = HELD_BEYOND * opening_of(contact, k)
+    return ti.cast(held, ti.i32), opening
+
+
+@ti.func
+def force_while_solved(force: ti.template(), contact, k, history: ti.template()) -> vec2:
+    """Elastic force (N) and tangent (N/m) of a closed contact by the normal law's ``force``.  Where
+    that softens, it is held while the others adapt."""
+    normal = force(contact, k, history)
+    return vec2(normal.elastic, ti.max(normal.stiffness, 0.0))
+
+
+@ti.func
+def disagreement(effective: real, reached: real, opening: real) -> real:
+    """What counts (m) of the difference between the overlap that a force is reckoned with and the
+    one ``reached`` under it; below its ``opening`` a contact has no force."""
+    error = ti.abs(ti.max(effective, opening) - ti.max(reached, opening))
+    if not (ti.abs(effective - reached) < math.inf):  # not-a-number must not pass for solved
+        error = math.inf
+    return error

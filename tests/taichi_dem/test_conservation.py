@@ -6,7 +6,7 @@ from setups import EPS, law, order_of, restart, scene, watch
 
 import taichi_dem as dem
 from halfspace import reference
-from taichi_dem import engine
+from taichi_dem import ground
 from taichi_dem.exchange import Exchange
 from taichi_dem.types import ti, vec3
 
@@ -99,7 +99,7 @@ def undamped_bed():
 
 def energy_deviations(kind, steps_per_period, monkeypatch):
     """Over five periods, relative to what the weight can do: the largest, and that at the end."""
-    monkeypatch.setattr(engine, "Exchange", kind)
+    monkeypatch.setattr(ground, "Exchange", kind)
     setup, velocity, period, available = undamped_bed()
     sim, found = dem.Simulation(setup), []
     for n in steps_per_period:

@@ -14,12 +14,13 @@ PACKAGES = ("taichi_dem", "halfspace")
 
 LAYERS = {
     "scene": "validation material shapes periodic overlaps packing sphere_files spheres substrate "
-    "scene time_step writing tables toml_text scene_file",
+    "scene time_step writing tables toml_text run_plan scene_file scene_writer",
     "kernels": "types control particles effects contact_list grid neighbors boundaries geometry "
-    "expansions reciprocal expansion_newton forces pair_sums coupling extrapolation exchange "
-    "joint pressed creep members hosted lagged integrate meeting drivers energy guards views sleep "
-    "pace engine memory",
-    "simulation": "schedule simulation moments neglect",
+    "past expansions reciprocal expansion_passes expansion_newton coefficients forces pair_sums "
+    "coupled_contacts coupling lagged_surface doubts extrapolation ground_past ground_contacts "
+    "exchange joint pressed creep members hosted lagged integrate meeting step drivers energy "
+    "guards views sleep pace ground ground_view on_list good_state engine memory",
+    "simulation": "alerts asked schedule simulation moments neglect",
     "outputs": "style wording snapshot frames progress output bed dents plot",
     "tools": "folder run cost check settings record accuracy orders closed_form worker workers "
     "study_point study_report study_bench studies pilot choice cli __main__",
@@ -35,6 +36,7 @@ LAYER_OF = {module: layer for layer, modules in LAYERS.items() for module in mod
 LAZILY = {("scene_file", "contacts.law")}  # laws by name, where a file is read
 HALFSPACE_IN = {
     "exchange": {"halfspace"},
+    "ground_view": {"halfspace"},
     "hosted": {"halfspace"},
     "lagged": {"halfspace"},
     "creep": {"halfspace"},

@@ -10,8 +10,9 @@ from twins import Motion, Pair, composite_modulus, composite_shear_modulus
 
 import taichi_dem as dem
 from halfspace import backend, reference
-from taichi_dem import engine, scene_file
-from taichi_dem.forces import Coefficients
+from taichi_dem import engine, scene_file, scene_writer
+from taichi_dem.coefficients import Coefficients
+from taichi_dem.run_plan import Run
 from taichi_dem.time_step import stable_time_step
 
 GEL = dem.Material("gel", density=1000, youngs_modulus=2e5, poissons_ratio=0.4)
@@ -400,7 +401,7 @@ def test_without_the_balance_nothing_is_summed_up_and_nothing_else_changes(pairs
 def test_a_scene_file_keeps_every_law(name, tmp_path):
     setup = scene_of_pairs(LAWS[name])
     path = tmp_path / "scene.toml"
-    scene_file.write(path, setup, scene_file.Run(steps=3, energy_balance=False))
+    scene_writer.write(path, setup, Run(steps=3, energy_balance=False))
     again, plan = scene_file.read(path)
     assert again == setup and again.law == LAWS[name] and not plan.energy_balance
 

@@ -11,7 +11,7 @@ from test_determinism import everything
 import halfspace
 import taichi_dem as dem
 from halfspace import reference
-from taichi_dem.forces import Coefficients
+from taichi_dem.coefficients import Coefficients
 from taichi_dem.time_step import stable_time_step
 
 R, N = 5e-3, 16

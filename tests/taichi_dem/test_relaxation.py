@@ -14,6 +14,7 @@ import taichi_dem as dem
 from halfspace import reference
 from taichi_dem import engine as engine_module
 from taichi_dem.creep import Creep
+from taichi_dem.ground_view import pressed
 
 R, N = 5e-3, 9
 NU, E0, E1, TAU = 0.45, 2e5, 5e4, 4e-3
@@ -51,7 +52,7 @@ def sim():
 def creeping(sim, tau=TAU):
     """``sim`` from the start, falling, on ground with another time of retardation."""
     relaxation = dem.Relaxation(relaxed_modulus=E1, retardation_time=tau)
-    sim._engine._hosted.creep = Creep(GROUND, relaxation, residual=1e-12)
+    sim._engine.ground.hosted.creep = Creep(GROUND, relaxation, residual=1e-12)
     return restart(sim, velocity=FALL, dt=5e-5)
 
 
@@ -88,14 +89,15 @@ def test_a_contact_held_still_relaxes(sim):
         errors.append(abs(force / exact - 1))
     assert np.allclose(order_of(errors), 1, atol=0.05)
     assert errors[-1] < 0.02
-    deep = sim._engine._hosted.creep.depth(sim._pressed(np.array([0])), sim.substrate.force)
+    sphere = pressed(sim.scene, sim.particles, np.array([0]))
+    deep = sim._engine.ground.creep.depth(sphere, sim.substrate.force)
     assert deep == pytest.approx(overlap, rel=1e-5)
 
 
 def loss_rate(sim):
     """W, by the dashpot of the solid: from forces, memory and places alone."""
     rows, force = sim.substrate.particle, sim.substrate.force
-    saved = sim._engine._hosted.creep.save()
+    saved = sim._engine.ground.hosted.creep.save()
     s, f = np.zeros(N), np.zeros(N)
     s[saved["ids"]], f[rows] = saved["memory"], force
     strength, own = 4 / 3 * COMPOSITE * np.sqrt(R), SHARE * CREEP
@@ -153,7 +155,7 @@ def test_memory_follows_the_spheres_wherever_they_stand(sim, monkeypatch):
 
 
 def remembered(sim):
-    saved = sim._engine._hosted.creep.save()
+    saved = sim._engine.ground.hosted.creep.save()
     return saved["ids"], saved["memory"]
 
 
@@ -163,7 +165,7 @@ def close(one, other):
 
 def test_a_guard_s_stop_brings_back_the_memory(sim):
     creeping(sim).run(steps=60)
-    creep, deepest = sim._engine._hosted.creep, sim._engine.control.deepest
+    creep, deepest = sim._engine.ground.hosted.creep, sim._engine.control.deepest
     before, force, limit = creep.save(), sim.substrate.force, deepest[None]
     lost = sim.energy()["dissipated"]
     deepest[None] = 1e-4
@@ -193,7 +195,7 @@ def test_a_dent_stays_where_a_sphere_has_left_it(sim):
     """It recovers there, and acts on the others by the same equations as before, until the sphere
     is back in it."""
     creeping(sim).run(steps=60)
-    creep, velocity = sim._engine._hosted.creep, np.zeros((N, 3))
+    creep, velocity = sim._engine.ground.hosted.creep, np.zeros((N, 3))
     velocity[4] = 4.0, 0.0, 10.0
     put(sim, sim.particles.position, velocity)
     while sim.particles.position[4, 2] < R:
@@ -232,7 +234,7 @@ def test_a_dent_stays_where_a_sphere_has_left_it(sim):
 def test_dents_without_spheres_recover_and_are_forgotten(sim, monkeypatch):
     """What they hold falls by closed forms into heat, however many steps are made at once."""
     creeping(sim).run(steps=60)
-    creep = sim._engine._hosted.creep
+    creep = sim._engine.ground.hosted.creep
     put(sim, sim.particles.position, np.tile([0, 0, 20.0], (N, 1)))
     sim.run(steps=4)
     assert not sim._engine.exchange.count and len(sim.substrate.dent_load) == N

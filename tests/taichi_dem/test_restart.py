@@ -1,6 +1,8 @@
 """A simulation that starts again does, bit by bit, what a new one does."""
 
+import gc
 import warnings
+import weakref
 
 import numpy as np
 import pytest
@@ -93,7 +95,7 @@ def test_warnings_and_counters_start_again(used):
         sim.restart(dt=1.5 * sim.stable.value)
         assert set(sim.warnings) == {"time_step"}
         sim.restart()
-    assert not sim.warnings and not any(sim._engine.exchange.counts().values())
+    assert not sim.warnings and not any(sim._engine.exchange.doubts.counts().values())
 
 
 def test_what_a_scene_refuses_leaves_the_simulation_as_it_was(used):
@@ -126,3 +128,16 @@ def test_no_result_depends_on_the_skin(used):
     assert outcome(wide)[0] == first[0]
     with pytest.raises(dem.InputError, match="skin"):
         dem.Simulation(bed(), skin=0.0)
+
+
+def test_a_simulation_gives_its_fields_back_with_its_last_name():
+    """Nothing that it owns holds on to it, so that series need not wait for the collector."""
+    gc.disable()
+    try:
+        sim = dem.Simulation(scene([[0, 0, 1]], R, law=law(), gravity=(0, 0, -9.81)))
+        sim.run(steps=3)
+        left = weakref.ref(sim), weakref.ref(sim._engine)
+        del sim
+        assert [name() for name in left] == [None, None]
+    finally:
+        gc.enable()

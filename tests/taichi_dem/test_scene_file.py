@@ -10,8 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from taichi_dem.run_plan import Run
 from taichi_dem.scene import Box, Material, Piston, Plane, Scene, Spheres, Substrate
-from taichi_dem.scene_file import Run, read, write
+from taichi_dem.scene_file import read
+from taichi_dem.scene_writer import write
 from taichi_dem.substrate import BASES, Layer, Relaxation
 from taichi_dem.tables import override
 from taichi_dem.toml_text import toml_text

@@ -365,8 +365,8 @@ def test_the_spectral_radius_is_watched(lagged, count, ratio):
         warnings.simplefilter("always")
         lagged.run(steps=300)
         lagged.run(steps=1700)
-    assert lagged._engine.lag.radius == pytest.approx(expected, rel=1e-3)
-    assert lagged.summary()["lagged_spectral_radius"] >= lagged._engine.lag.radius
+    assert lagged._engine.ground.lag.radius == pytest.approx(expected, rel=1e-3)
+    assert lagged.summary()["lagged_spectral_radius"] >= lagged._engine.ground.lag.radius
     told = [w for w in seen if "close to divergence" in str(w.message)]
     assert len(told) == (expected > 0.5)
     looks = 8 + (2000 - 8 * 3) // 97
@@ -384,7 +384,7 @@ def test_a_lagged_exchange_that_diverges_is_stopped(lagged):
             for _ in range(1000 // chunk):
                 lagged.run(steps=chunk)
         assert 0 < lagged.steps <= 24 and lagged.steps % 3 == 0
-        assert lagged._engine.lag.next == lagged.steps + 3
+        assert lagged._engine.ground.lag.next == lagged.steps + 3
         assert lagged.summary()["lagged_spectral_radius"] > 1
         states.append(np.column_stack([state(lagged), lagged.particles.force]))
     assert np.array_equal(states[0], states[1]) and np.array_equal(states[0], states[2])

@@ -77,17 +77,17 @@ class Doubts:
         return touched | (1 << doubt)
 
     @ti.func
-    def about(self, body, depth, known: ti.i32):
-        """Look at a contact of ``body`` that is ``depth`` (m) deep and of which so much is
+    def about(self, body, square, known: ti.i32):
+        """Look at a contact of ``body`` with this squared radius (m2) and of which so much is
         ``known``; returns what is known of it now."""
         touched = known
         if touched == 0 and -body.velocity[2] > FAST_IMPACT * self.wave_speed[None]:
             self.noticed[FAST] += 1
-        if depth > WIDE_CONTACT**2 * body.radius:
+        if square > (WIDE_CONTACT * body.radius) ** 2:
             touched = self.note(WIDE, touched)
         if ti.static(self.layered):
             limit = ti.static(self._widest * self._widest)
-            if depth * body.radius > limit:
+            if square > limit:
                 touched = self.note(OUTGROWN, touched)
         return touched | TOUCHED
 

@@ -189,6 +189,19 @@ class GroundContacts:
         return self.softness[self.particles.spin[i].material] * self.particles.body[i].radius
 
     @ti.func
+    def squared_radius(self, i, depth):
+        """Of the contact of particle ``i`` that is ``depth`` (m) deep, m2."""
+        square = self.particles.body[i].radius * depth
+        if ti.static(self.adhesion):  # it pulls itself wider, also where it is not deep at all
+            radius = 0.0
+            if self.is_held(i):
+                history, contact, k = self.History(), self.alone(i, depth), self.coefficients(i)
+                punch = self.normal.force(contact, k, history).area_stiffness  # 2 E* a
+                radius = 2.0 / 3.0 * self.softness[self.particles.spin[i].material] * punch
+            square = radius * radius
+        return square
+
+    @ti.func
     def expected(self, i):
         """The displacement that the past steps lead one to expect."""
         return extrapolated(self.ground[i].past, self.ground[i].age)
@@ -214,8 +227,12 @@ class GroundContacts:
             ground.past_y = shifted(ground.past_y, slope[1])
         ground.age = ti.min(ground.age + 1, PAST)
         ground.expansion, ground.force, ground.slope = expansion, force, slope
-        if self.overlap(i) + expansion > 0.0:
-            touched = self.doubts.about(self.particles.body[i], depth, ground.touched)
+        closed = self.overlap(i) + expansion > 0.0
+        if ti.static(self.adhesion):
+            closed = self.is_held(i)
+        if closed:
+            square = self.squared_radius(i, depth)
+            touched = self.doubts.about(self.particles.body[i], square, ground.touched)
         ground.touched = touched
         self.ground[i] = ground
 
@@ -223,8 +240,8 @@ class GroundContacts:
     def watch_neighbours(self, i, nearest):
         """Points that are too close for that; ``nearest``: squared distance, m2."""
         if ti.static(not self.finite):
-            body, ground = self.particles.body[i], self.ground[i]
-            square = body.radius * (self.overlap(i) + ground.expansion)
+            ground = self.ground[i]
+            square = self.squared_radius(i, self.overlap(i) + ground.expansion)
             touched = self.doubts.about_neighbours(square, nearest, ground.touched)
             self.ground[i].touched = touched
 

@@ -96,7 +96,7 @@ class HostedExchange:
             spheres = now.pressed
             effective = self.creep.accept(spheres, found, time_step)
             depth = self.creep.depth(spheres, found.force)
-        if (np.sqrt(depth.clip(0) * now.radius) > self._widest).any():
+        if self._widest < np.inf and (self._members.radii(depth) > self._widest).any():
             self.give_up(TOO_WIDE_FOR_LAYER)
         self._take(len(depth), depth, effective - now.overlap, found.force, found.slope)
         self._look_for_close_points(now, effective)
@@ -138,8 +138,10 @@ class HostedExchange:
 
     def _look_for_close_points(self, now: Members, effective: np.ndarray) -> None:
         """Count those that are too close for points, as the kernel does."""
-        widest = float(np.sqrt(now.radius * effective.clip(0)).max(initial=0.0))
-        if self.exchange.finite or self._plan.closest >= CLOSE_POINTS * widest:
+        if self.exchange.finite:
+            return
+        widest = float(self._members.radii(effective).max(initial=0.0))
+        if self._plan.closest >= CLOSE_POINTS * widest:
             return
         from scipy.spatial import cKDTree  # slow to import, and seldom needed
 

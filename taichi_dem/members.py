@@ -56,6 +56,18 @@ class MembersOnHost:
         self._evaluate_law(len(overlap), np.ascontiguousarray(overlap), force, tangent)
         return force, tangent
 
+    def radii(self, depth: np.ndarray) -> np.ndarray:
+        """Of contacts so deep (n,) m, (n,) m."""
+        square = np.empty(len(depth))
+        self._square_radii(len(depth), np.ascontiguousarray(depth), square)
+        return np.sqrt(square.clip(0.0))
+
+    @ti.kernel
+    def _square_radii(self, n: ti.i32, depth: ti.types.ndarray(), square: ti.types.ndarray()):
+        ti.loop_config(serialize=self.particles.few)
+        for k in range(n):
+            square[k] = self.exchange.squared_radius(self.exchange.members[k], depth[k])
+
     @ti.kernel
     def _send(
         self,

@@ -264,6 +264,41 @@ def test_what_sticks_and_does_not_jump_loses_nothing():
     assert found[-1] < 1e-3
 
 
+def wide_and_sticky(**more):
+    """Spheres far apart whose adhesive contacts are wider by far than overlaps alone would make
+    them; returns also their radii."""
+    modulus = composite_modulus(2e5, 0.4, GROUND.youngs_modulus, GROUND.poissons_ratio)
+    work = 0.01 * modulus * R / (2 * np.pi)
+    wide = R * np.array([0.25, 0.28, 0.32, 0.36])
+    overlap = wide**2 / R - np.sqrt(2 * np.pi * work * wide / modulus)
+    assert (overlap > 0).all() and (np.sqrt(R * overlap) < 0.27 * R).all()
+    place = [(200 * R * k, 0, R - d) for k, d in enumerate(overlap)]
+    soil, law = dem.Substrate(GROUND, **more), dem.Law(dem.JKR(work, 0.5))
+    return scene(place, R, GEL, law=law, substrate=soil), wide
+
+
+def test_an_adhesive_contact_is_watched_by_its_own_radius():
+    setup, wide = wide_and_sticky()
+    sim = dem.Simulation(setup, driver="serial")
+    with pytest.warns(RuntimeWarning, match="wider than 0.3"):
+        sim.run(steps=1)
+    assert np.allclose(sim.substrate.contact_radius, wide, rtol=1e-2)
+    assert sim.warnings == {"wide_contacts": 2}
+
+
+@pytest.mark.slow
+def test_adhesive_contacts_too_wide_for_a_layer_stop_the_run():
+    """By their own radius, which on a layer is smaller than on a half-space but not by half."""
+    setup, wide = wide_and_sticky(layer=dem.Layer(1.2 * R))
+    sim = dem.Simulation(setup, driver="serial")
+    radii = sim.substrate.contact_radius
+    assert (0.6 * wide < radii).all() and (radii < 0.6 * 1.2 * R).all()
+    thickness = 0.95 * radii.max() / 0.6
+    setup, _ = wide_and_sticky(layer=dem.Layer(thickness))
+    with pytest.raises(dem.InputError, match=r"a contact is wider than 0\.6 .*thicker"):
+        dem.Simulation(setup, driver="serial")
+
+
 @pytest.mark.parametrize("ground", [False, True], ids=["wall", "ground"])
 def test_an_eepa_cycle_takes_the_area_of_its_loop(ground):
     """Between a plate and a wall or the ground (under one sphere the two are the same), also when

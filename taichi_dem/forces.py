@@ -148,7 +148,7 @@ class Forces:
         """Whether a contact is made, or still held, by materials ``first`` and ``second``."""
         closed = contact.overlap > 0.0
         if ti.static(self.adhesion):
-            if touched:
+            if touched and not closed:
                 history = self.contacts.History()
                 if ti.static(self.contacts.has_history):
                     history = self.contacts.history[p]

@@ -9,8 +9,9 @@ With the contact radius a, the work of adhesion W and a_m^3 = pi W R*^2 / (8 E*)
 The contact is made at d = 0 and held down to d = -3 a_m^2/R*, where the tangent dF/dd is infinite
 and F is 5/9 of the largest pull, -3/2 pi W R*.  Only the branch a >= a_m is stable.
 
-With p = R* d and q = t_m^3 it is a root of t^4 - 4 q t = p.  Either of two rational functions, below
-or above the overlap p = t_m^4, guesses it within 2e-8, and one step of Newton's gives it to rounding:
+With p = R* d and q = t_m^3 it is a root of t^4 - 4 q t = p.  Either of two rational functions, for
+overlaps below and above p = t_m^4, guesses it within 2e-8; one step of Newton's then gives it to
+rounding:
 
     above   t = p^(1/4) T(q/p^(3/4)),   T^4 - 4 r T = 1
     below   t = t_m (1 + z),            z^2 (z^2 + 4 z + 6) = x^2,   x^2 = 3 + p/t_m^4

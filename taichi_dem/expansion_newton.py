@@ -19,6 +19,7 @@ from typing import Any
 
 from taichi_dem.contact_list import APART
 from taichi_dem.contacts.contact import at_rest
+from taichi_dem.contacts.multicontact import SHARE
 from taichi_dem.control import OVERPRESSED
 from taichi_dem.exchange import HELD_BEYOND
 from taichi_dem.reciprocal import ReciprocalExpansions
@@ -162,14 +163,11 @@ class ImplicitExpansions(ReciprocalExpansions):
     @ti.func
     def expected(self, p):
         """The sum of expansions that the past steps lead one to expect."""
-        history = self.contacts.history[p]
-        past = history.expansions_before
-        expected = past[0]
-        if history.age == 2:
-            expected = 2.0 * past[0] - past[1]
-        elif history.age >= 3:
-            expected = 3.0 * (past[0] - past[1]) + past[2]
-        return expected
+        return self.law.expected(self.contacts.history[p])
+
+    @ti.func
+    def trust(self):
+        return SHARE if self.made[None] == 0 else 1.0
 
     @ti.func
     def lent(self, p, i, j):

@@ -200,7 +200,7 @@ class Forces:
             drag = normal.elastic - normal.total
             self.book(p, contact, velocity, push, drag, friction, torque)
         if ti.static(self.spreads):
-            self.surface.remember(normal, history)
+            self.surface.remember(normal, self.expansions.trust(), history)
         if ti.static(self.contacts.has_history):
             self.contacts.history[p] = history
         self.contacts.result[p].force = push + friction

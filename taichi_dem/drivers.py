@@ -27,12 +27,12 @@ class Drivers:
     def serial(self, steps: ti.i32) -> ti.i32:
         """At most ``steps`` steps in one task; returns how many were made before the host is
         needed."""
-        made = 0
+        made, time_step = 0, self.control.time_step[None]
         while made < steps and self.control.calls_host() == 0:
             self.step.surface()
             self.step.settle_expansions()
             for p in range(self.contacts.start[self.particles.count]):
-                self.step.evaluate_contact(p, self.control.time_step[None])
+                self.step.evaluate_contact(p, time_step)
             self.step.settle_boundaries()
             self.step.carry_boundaries()
             for i in range(self.particles.count):
@@ -103,7 +103,7 @@ class Drivers:
         n, members = self.particles.count, ti.static(self.meeting.members)
         low, high = n * member // members, n * (member + 1) // members
         first, last = self.contacts.start[low], self.contacts.start[high]
-        made, met = 0, 0
+        made, met, time_step = 0, 0, self.control.time_step[None]
         while self.meeting.look(CALLED) > made:
             if ti.static(self.has_exchange):
                 while self.exchange.calls() != 0:
@@ -127,7 +127,7 @@ class Drivers:
                     met += 1
                     self.meeting.wait(met)
             for p in range(first, last):
-                self.step.evaluate_contact(p, self.control.time_step[None])
+                self.step.evaluate_contact(p, time_step)
             if self.meeting.last_to_arrive():
                 self.step.settle_boundaries()
                 self.step.carry_boundaries()

@@ -14,6 +14,7 @@ for; between two passes one thread adds up and decides what comes next.  So it r
 with the same bits.
 """
 
+from taichi_dem.contacts.multicontact import SHARE
 from taichi_dem.control import OVERPRESSED
 from taichi_dem.expansion_passes import ExpansionPasses
 from taichi_dem.types import real, ti, vec3
@@ -43,6 +44,10 @@ class ImplicitExpansions(ExpansionPasses):
         self.product, self.passes = ti.field(real), ti.field(ti.i64)
         builder.place(self.phase, self.rounds, self.made, self.passes)
         builder.place(self.goal, self.aim, self.error, self.product)
+
+    @ti.func
+    def trust(self):
+        return SHARE if self.made[None] == 0 else 1.0
 
     # -- a pass ----------------------------------------------------------------------------------
 

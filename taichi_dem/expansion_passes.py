@@ -11,7 +11,6 @@ from taichi_dem.contacts.contact import (
     force_while_solved,
     hold_while_solved,
 )
-from taichi_dem.past import extrapolated
 from taichi_dem.reciprocal import ReciprocalExpansions
 from taichi_dem.types import real, ti, vec2, vec3
 
@@ -110,8 +109,7 @@ class ExpansionPasses(ReciprocalExpansions):
     @ti.func
     def expected(self, p):
         """The sum of expansions that the past steps lead one to expect."""
-        history = self.contacts.history[p]
-        return extrapolated(history.expansions_before, history.age)
+        return self.law.expected(self.contacts.history[p])
 
     @ti.func
     def lent(self, p, i, j):

@@ -97,6 +97,11 @@ class Expansions:
         return self.contacts.history[p].expansion
 
     @ti.func
+    def trust(self):
+        """How far this step's expansions are to be remembered in place of the expected ones."""
+        return 1.0
+
+    @ti.func
     def swell(self, p, met):
         """Note by what the radii of the bodies of contact ``p`` have grown in all but its overlap;
         returns R* with that."""

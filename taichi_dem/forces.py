@@ -106,7 +106,7 @@ class Forces:
             if ti.static(self.asks_spin):
                 contact.relative_spin = spin.omega - met.partner_omega
             if ti.static(self.asks_inertia):
-                contact.rolling_inertia = 1.0 / self.shared_inverse_inertia(i, j, touched)
+                contact.rolling_inertia = self.shared_inertia(i, j, touched)
             if self.is_closed(p, contact, touched, spin.material, met.material):
                 lateral = vec3(0.0)
                 if ti.static(self.coupled):
@@ -125,7 +125,7 @@ class Forces:
         """Whether a contact is made, or still held, by materials ``first`` and ``second``."""
         closed = contact.overlap > 0.0
         if ti.static(self.adhesion):
-            if touched:
+            if touched and not closed:
                 history = self.contacts.History()
                 if ti.static(self.contacts.has_history):
                     history = self.contacts.history[p]
@@ -139,19 +139,22 @@ class Forces:
         return closed
 
     @ti.func
-    def shared_inverse_inertia(self, i, j, touched):
-        """1/I = n_i/I_i + n_j/I_j; a contact that has just been made counts among the n."""
-        inverse = self.inverse_inertia(i, touched)
+    def shared_inertia(self, i, j, touched):
+        """I of 1/I = n_i/I_i + n_j/I_j; a contact that has just been made counts among the n."""
+        radius = self.particles.body[i].radius
+        mobility = self.shared_mobility(i, touched)
         if j >= 0:
-            inverse += self.inverse_inertia(j, touched)
-        return inverse
+            ratio = radius / self.particles.body[j].radius
+            mobility += ratio * ratio * self.shared_mobility(j, touched)
+        return 0.4 * radius * radius / mobility
 
     @ti.func
-    def inverse_inertia(self, i, touched):
-        body, number = self.particles.body[i], self.contacts.number[i]
+    def shared_mobility(self, i, touched):
+        """n/m."""
+        number = self.contacts.number[i]
         if not touched:
             number += 1
-        return 2.5 * number * body.inverse_mass / (body.radius * body.radius)
+        return number * self.particles.body[i].inverse_mass
 
     @ti.func
     def apply_laws(self, p, contact, velocity, lateral, first, second):
@@ -174,7 +177,7 @@ class Forces:
             drag = normal.elastic - normal.total
             self.book(p, contact, velocity, push, drag, friction, torque)
         if ti.static(self.spreads):
-            self.surface.remember(normal, history)
+            self.surface.remember(normal, self.expansions.trust(), history)
         if ti.static(self.contacts.has_history):
             self.contacts.history[p] = history
         self.contacts.result[p].force = push + friction

@@ -24,7 +24,7 @@ from taichi_dem.contacts.rolling import (
     spring,
     stop,
 )
-from taichi_dem.contacts.roots import cube_root
+from taichi_dem.contacts.roots import inverse_cube_root
 from taichi_dem.material import Material
 from taichi_dem.types import ti
 from taichi_dem.validation import parameter, validate
@@ -75,7 +75,8 @@ class CDTJKR:
     @ti.func
     def torque(self, contact, normal, k, history: ti.template()):
         radius = contact.effective_radius
-        limit = k.lever * cube_root(radius) ** 2 * ti.max(normal.elastic, 0.0)
+        lever = k.lever * radius * inverse_cube_root(radius)
+        limit = lever * ti.max(normal.elastic, 0.0)
         torque = 0.0 * contact.normal
         if ti.static(self.regularization == "stop"):
             torque = stop(contact, limit, self.torsion_torque)

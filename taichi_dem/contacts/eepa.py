@@ -142,22 +142,25 @@ class EEPA:
         yields = yielded >= history.plastic_overlap
         plastic = ti.max(yielded, history.plastic_overlap)
         deepest = ti.max(yielded, history.deepest_plastic_overlap)
-        pull = 0.0
-        if (raised < plastic) | (plastic < deepest):  # else no branch asks for it, and it is dear
+        force = ti.select(yields, first * raised, second * (raised - plastic))
+        tangent = ti.select(yields, loading, k.stiffness_ratio * loading)
+        history.deepest_plastic_overlap = deepest
+        reloads = plastic < deepest
+        if raised <= plastic:  # else the adhesive branch is far, and it is dear
             pull = self.pull(contact, second, k, raised, deepest)
-        stuck = raised + pull / second  # Q on the adhesive branch
-        slides, reloads = stuck < plastic, (plastic < deepest) & (stuck > plastic)
-        if ti.static(c < n):
-            again = self.pull(contact, second, k, raised, plastic)
-            reloads &= raised + again / second >= plastic
-        history.plastic_overlap = ti.select(slides, stuck, plastic)
-        history.deepest_plastic_overlap = ti.select(reloads, plastic, deepest)
-
-        force = ti.select(slides, -pull, second * (raised - plastic))
-        force = ti.select(yields, first * raised, force)
-        falling = c * pull / ti.select(overlap > 0.0, overlap, 1.0)
-        tangent = ti.select(slides, -falling, k.stiffness_ratio * loading)
-        tangent = ti.select(yields, loading, tangent)
+            stuck = raised + pull / second  # Q on the adhesive branch
+            reloads &= stuck > plastic
+            if ti.static(c < n):
+                if reloads:
+                    again = self.pull(contact, second, k, raised, plastic)
+                    reloads = raised + again / second >= plastic
+            if stuck < plastic:
+                force = -pull
+                tangent = -c * pull / ti.select(overlap > 0.0, overlap, 1.0)
+                plastic = stuck
+        if reloads:
+            history.deepest_plastic_overlap = plastic
+        history.plastic_overlap = plastic
 
         elastic = force + k.pull_off
         damping = k.damping * ti.sqrt(contact.effective_mass * loading)

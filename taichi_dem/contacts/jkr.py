@@ -9,9 +9,14 @@ With the contact radius a, the work of adhesion W and a_m^3 = pi W R*^2 / (8 E*)
 The contact is made at d = 0 and held down to d = -3 a_m^2/R*, where the tangent dF/dd is infinite
 and F is 5/9 of the largest pull, -3/2 pi W R*.  Only the branch a >= a_m is stable.
 
-From pull-off, t = t_m + z and z^2 (z^2 + 4 t_m z + 6 t_m^2) = R* d + 3 t_m^4: here the root z does
-not lose its digits where t is stationary.  A guess within 0.2 % for every load, one step of Halley
-and one of Newton give it to rounding.
+With p = R* d and q = t_m^3 it is a root of t^4 - 4 q t = p.  Either of two rational functions, for
+overlaps below and above p = t_m^4, guesses it within 2e-8; one step of Newton's then gives it to
+rounding:
+
+    above   t = p^(1/4) T(q/p^(3/4)),   T^4 - 4 r T = 1
+    below   t = t_m (1 + z),            z^2 (z^2 + 4 z + 6) = x^2,   x^2 = 3 + p/t_m^4
+
+The latter is counted from pull-off, where t is stationary, so that its digits are not lost there.
 
 Source: K. L. Johnson, K. Kendall and A. D. Roberts, Proc. R. Soc. A 324 (1971) 301; the dashpot is
 that of the Hertz law at the radius of the adhesive contact, so that W = 0 is the Hertz law.
@@ -22,13 +27,16 @@ from dataclasses import dataclass
 
 from taichi_dem.contacts.contact import NormalForce
 from taichi_dem.contacts.elasticity import damping_ratio, effective_youngs_modulus
-from taichi_dem.contacts.roots import cube_root
+from taichi_dem.contacts.roots import cube_root, polynomial
 from taichi_dem.material import Material
-from taichi_dem.types import ti, vec2
+from taichi_dem.types import ti
 from taichi_dem.validation import parameter, validate
 
-# r = g (g + p t_m^2) / (g + q t_m^2) with g^2 = R* d + 3 t_m^4 guesses (t_m + z)^2 - t_m^2.
-_P, _Q = 3.025, 3.7
+# Coefficients of rising powers, numerator and denominator: T of r in 0..1, and z/x of x in 0..2.
+_ABOVE = (1.0, 4.64173659, 8.67053854, 6.37139881, 0.957318675)
+_ABOVE_OVER = (1.0, 3.64173735, 5.52876486, 2.66415826, 0.176593056)
+_BELOW = (0.4082482983, 0.09408148881, 0.001980540246)
+_BELOW_OVER = (1.0, 0.3665353154, 0.02231596733)
 
 
 @dataclass(frozen=True)
@@ -67,24 +75,27 @@ class JKR:
 
     @staticmethod
     @ti.func
-    def roots(contact, k):
-        """t_m and t, the square roots of the contact radius at pull-off and now."""
-        least = k.root_radius * cube_root(contact.effective_radius)
-        area = least * least
-        beyond = contact.effective_radius * contact.overlap + 3.0 * area * area
-        square = ti.select(beyond > 0.0, beyond, contact.effective_radius**2)
-        g = ti.sqrt(square)
-        guess = g * (g + _P * area) / (g + _Q * area)
-        z = guess / (least + ti.sqrt(area + guess))
-        for step in ti.static(range(2)):
-            value = z * z * (z * z + 4.0 * least * z + 6.0 * area) - square
-            slope = 4.0 * z * (z * z + 3.0 * least * z + 3.0 * area)
-            if ti.static(step == 0):
-                bend = 12.0 * (z + least) ** 2
-                z -= 2.0 * value * slope / (2.0 * slope * slope - value * bend)
-            else:
-                z -= value / slope
-        return vec2(least, least + ti.select(beyond > 0.0, z, 0.0))
+    def root(product, least):
+        """t, the square root of the contact radius, from p and q; t_m where no contact holds."""
+        half = ti.sqrt(ti.max(product, 0.0))
+        quarter = ti.sqrt(half)
+        root = 0.0
+        if least < half * quarter:
+            r = least / (half * quarter)
+            root = quarter * polynomial(r, _ABOVE) / polynomial(r, _ABOVE_OVER)
+            cube = root * root * root
+            root -= (root * (cube - 4.0 * least) - product) / (4.0 * (cube - least))
+        else:
+            root = cube_root(least)
+            area = root * root
+            beyond = product + 3.0 * area * area
+            if beyond > 0.0:
+                x = ti.sqrt(beyond) / area
+                z = x * polynomial(x, _BELOW) / polynomial(x, _BELOW_OVER)
+                value = z * z * (z * (z + 4.0) + 6.0) - x * x
+                z -= value / (4.0 * z * (z * (z + 3.0) + 3.0))
+                root += root * z
+        return root
 
     @staticmethod
     @ti.func
@@ -103,16 +114,16 @@ class JKR:
     @staticmethod
     @ti.func
     def force(contact, k, history: ti.template()):
-        roots = JKR.roots(contact, k)
-        least, root = roots[0] ** 3, roots[1] ** 3
-        radius = roots[1] * roots[1]
-        punch = 2.0 * k.effective_modulus * radius
-        elastic = (
-            (4.0 / 3.0) * k.effective_modulus * root * (root - 6.0 * least)
-        ) / contact.effective_radius
-        softer = root - least
-        tangent = punch * (root - 3.0 * least) / ti.select(softer > 0.0, softer, 1.0)
-        damping = k.damping * ti.sqrt(punch * contact.effective_mass)
+        # Roots and quotients of what does not change stand apart: they need not wait for t.
+        least = k.root_radius**3 * contact.effective_radius
+        scale = (4.0 / 3.0) * k.effective_modulus / contact.effective_radius
+        impedance = ti.sqrt(2.0 * k.effective_modulus * contact.effective_mass)
+        root = JKR.root(contact.effective_radius * contact.overlap, least)
+        cube, punch = root**3, 2.0 * k.effective_modulus * root * root
+        elastic = scale * cube * (cube - 6.0 * least)
+        softer = cube - least
+        tangent = punch * (cube - 3.0 * least) / ti.select(softer > 0.0, softer, 1.0)
+        damping = k.damping * impedance * root
         return NormalForce(
             total=elastic - damping * contact.normal_velocity,
             elastic=elastic,
@@ -129,11 +140,12 @@ class JKR:
 
         A contact is made at less than zero and opens above it: both differences are lost.
         """
-        roots = JKR.roots(contact, k)
-        least, root = roots[0] ** 3, roots[1] ** 3
-        shape = 0.1 * root * root - least * root + 1.5 * least * least
+        least = k.root_radius**3 * contact.effective_radius
+        root = JKR.root(contact.effective_radius * contact.overlap, least)
+        cube = root**3
+        shape = 0.1 * cube * cube - least * cube + 1.5 * least * least
         scale = (16.0 / 3.0) * k.effective_modulus / contact.effective_radius**2
-        return scale * roots[1] ** 4 * shape
+        return scale * root**4 * shape
 
     @staticmethod
     def stiffness(k: dict[str, float], effective_radius: float, overlap: float) -> float:

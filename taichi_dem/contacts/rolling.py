@@ -51,12 +51,11 @@ def stop(contact, limit, torsion_torque: ti.template()):
     """The torque on i of Coulomb's rule."""
     spin = opposed_spin(contact, torsion_torque)
     square = spin.dot(spin)
-    turns = square > 0.0  # or it is so slow that its square is lost, and stops
-    rate = limit / ti.sqrt(ti.select(turns, square, 1.0))
     moves = contact.time_step > 0.0
-    halt = contact.rolling_inertia / ti.select(moves, contact.time_step, 1.0)
-    share = ti.min(ti.select(turns, rate, halt), halt)
-    return ti.select(moves & (limit > 0.0), -share, 0.0) * spin
+    rate = contact.rolling_inertia * (1.0 / ti.select(moves, contact.time_step, 1.0))
+    if limit * limit < rate * rate * square:  # else it stops; also so slow that the square is lost
+        rate = ti.min(limit / ti.sqrt(square), rate)
+    return ti.select(moves & (limit > 0.0), -rate, 0.0) * spin
 
 
 @ti.func
@@ -74,12 +73,12 @@ def spring(
         displacement += twist * contact.normal
 
     torque = -stiffness * displacement - damping * spin
-    square, length = torque.dot(torque), displacement.dot(displacement)
-    slides = square > limit * limit
-    torque *= ti.select(slides, limit / ti.sqrt(ti.select(slides, square, 1.0)), 1.0)
-    long = stiffness * ti.sqrt(length)
-    cut = slides & (long > limit)
-    displacement *= ti.select(cut, limit / ti.select(cut, long, 1.0), 1.0)
+    square = torque.dot(torque)
+    if square > limit * limit:
+        torque *= limit / ti.sqrt(square)
+        long = stiffness * ti.sqrt(displacement.dot(displacement))
+        if long > limit:
+            displacement *= limit / long
     if ti.static(torsion_torque):
         twist = displacement.dot(contact.normal)
         history.torsion_displacement = twist

@@ -34,6 +34,15 @@ def cube_root(x: real) -> real:
     return x * root * root
 
 
+@ti.func
+def polynomial(x: real, coefficients: ti.template()) -> real:
+    """The sum of ``coefficients`` times x^0, x^1, ...; they are known when compiling."""
+    result = 0.0
+    for c in ti.static(coefficients[::-1]):
+        result = result * x + c
+    return result
+
+
 def _parts(exponent: float, part: int, most: int) -> bool:
     """Whether ``exponent`` is a whole number of 1/``part``, and at most ``most``."""
     return exponent <= most and abs(part * exponent - round(part * exponent)) < 1e-12

@@ -10,6 +10,8 @@ from setups import GLASS, order_of
 from twins import hertz
 
 import taichi_dem as dem
+from halfspace import backend
+from taichi_dem.types import real, ti
 
 N = 20_000
 
@@ -235,3 +237,40 @@ def test_what_an_adhesive_law_says_of_itself():
     sticky, clean = dem.JKR(0.05, 1.0), dem.JKR(0.0, 1.0)
     assert sticky.adhesive and sticky.plastic and sticky.dissipates
     assert not clean.plastic and not clean.dissipates and dem.JKR(0.0, 0.9).dissipates
+
+
+def in_long_double(product, least):
+    """t of t^4 - 4 q t = p by Newton's method from above, where it falls to the root."""
+    p, q = product.astype(np.longdouble), least.astype(np.longdouble)
+    t = np.maximum(p, 0) ** 0.25 + np.cbrt(4 * q)
+    for _ in range(60):
+        slope = 4 * (t**3 - q)
+        t = np.where(slope > 0, t - (t**4 - 4 * q * t - p) / np.where(slope > 0, slope, 1), t)
+    return t
+
+
+def test_the_contact_radius_is_right_to_rounding_on_the_whole_branch():
+    """In p/t_m^4 from pull-off to far above, on both sides of 1, where another guess takes over.
+    Below, an error of 1e-14 t_m^4 in p is allowed: from t_m, and what cancels in p + 3 t_m^4."""
+    rng = np.random.default_rng(4)
+    near = np.exp(rng.uniform(np.log(1e-12), 0, N // 4))
+    ratio = np.concatenate([near - 3, rng.uniform(-3, 2, N // 4), log_uniform(rng, 0.1, 1e60)])
+    root = log_uniform(rng, 1e-12, 1e3, len(ratio))  # t_m
+    product, least = ratio * root**4, root**3
+    backend.start()
+
+    @ti.kernel
+    def run(
+        p: ti.types.ndarray(dtype=real, ndim=1),
+        q: ti.types.ndarray(dtype=real, ndim=1),
+        t: ti.types.ndarray(dtype=real, ndim=1),
+    ):
+        for i in range(p.shape[0]):
+            t[i] = dem.JKR.root(p[i], q[i])
+
+    found = np.empty_like(product)
+    run(product, least, found)
+    expected = in_long_double(product, least)
+    rounding = 2 * np.finfo(float).eps * expected
+    lost = np.where(ratio < 1, 1e-14 * root**4 / (4 * (expected**3 - least)), 0)
+    assert np.all(np.abs(found - expected) <= rounding + lost)

@@ -93,6 +93,20 @@ class Settings:
             return dataclasses.replace(changed, exchange=None)
         return changed
 
+    @property
+    def every(self) -> int:
+        """Steps from one exchange to the next."""
+        return exchange_keys(self.exchange or "implicit")["exchange_every"]
+
+    def at(self, step: float) -> Settings:
+        """These with another step (s), and about as much time from one exchange to the next: that
+        is what extrapolation errs by."""
+        changed = dataclasses.replace(self, step=step)
+        if self.every == 1:
+            return changed
+        every = int(self.every * self.step / step * (1 + 1e-9))
+        return changed.but("exchange", f"{EVERY}{every}" if every > 1 else "implicit")
+
 
 def exchange_keys(exchange: str) -> dict[str, Any]:
     """Those of ``Substrate`` for ``Settings.exchange``."""

@@ -103,7 +103,7 @@ class Bench:
             settings, used = self._loosened(ROOM * target)
             left = AIM * (target - used)
             step = min((left / scale) ** (1 / order), self.stable)
-            settings = settings.but("step", self._even(step))
+            settings = settings.at(self._even(step))
             new = settings not in [point.settings for point in points]
             if new and settings.step >= 2 * self.tight.step:
                 points.append(Point(f"combined {target:g}", settings))
@@ -123,8 +123,9 @@ class Bench:
 
     def _loosened(self, room: float) -> tuple[Settings, float]:
         """The tightest settings with each knob at the loosest value whose own error is at most
-        ``room``; and the sum of these errors. (Not by the times: these are less certain.)"""
-        settings, used = self.tight, 0.0
+        ``room``, at the step that they were turned at; and the sum of these errors. (Not by the
+        times: these are less certain.)"""
+        settings, used = self.tight.but("step", self.twin.settings.step), 0.0
         for point in self.study.points:
             own = float("inf") if point.alone is None else point.alone
             first = getattr(settings, point.knob, None) == getattr(self.tight, point.knob, None)

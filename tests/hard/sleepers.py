@@ -27,6 +27,8 @@ SETTLED = 0.25  # s, when the pile of five sleeps
 PUSH = 0.6  # s, when all do, and the piston sets out
 PISTON = 5  # among the boundaries: after the five walls of the box
 
+HOLD = dem.CDT(0.2, torsion_torque=True, regularization="spring", rolling_damping=0.5)
+
 
 @cache
 def box(setting):
@@ -43,7 +45,7 @@ def box(setting):
         R,
         STONE,
         gravity=(0, 0, -9.81),
-        law=dem.Law(dem.Hertz(0.2), dem.Mindlin(0.5), dem.CDT(0.2, torsion_torque=True)),
+        law=dem.Law(dem.Hertz(0.2), dem.Mindlin(0.5), HOLD),
         boundaries=[*(dem.Plane(*wall, STONE) for wall in walls), piston],
         sleep=True,
     )

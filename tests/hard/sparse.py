@@ -99,7 +99,7 @@ def bob(setting, phase):
 
 @hard("an impact {} exchanges that are 200 steps apart", "between", "across")
 def missed(setting, where):
-    """A sixth of the time from one exchange to the next: it is that of one contact alone, or the run
+    """It lasts a sixth of the time between two: it is that of one contact alone, or the run
     is stopped."""
     turn, every = 2 * np.pi / 64, 200
     begin_at = {"between": 250, "across": 385}[where]
@@ -143,6 +143,11 @@ WORK = 0.05  # J/m2
 PULL_OFF = 1.5 * np.pi * WORK * R
 
 
+def upward(sim):
+    """Kinetic energy along z: nothing holds them against the slope of each other's dents."""
+    return float(0.5 * (sim.particles.mass * sim.particles.velocity[:, 2] ** 2).sum())
+
+
 @cache
 def sticky(setting):
     position = np.column_stack([square(2, 2.1 * R), np.full(4, 0.998 * R)])
@@ -161,7 +166,7 @@ def hanging(setting, share):
     scale = abs(sim.energy()["normal"]) + abs(sim.energy()["substrate"])
     sim.run(steps=8000)
     left = len(sim.substrate.force)
-    fallen = kinetic(sim)
+    bobbing = upward(sim)
     sim._engine.control.gravity[0] = (0, 0, 0)
     yield finite(sim)
     if share > 1:
@@ -169,7 +174,7 @@ def hanging(setting, share):
         return
     yield Figure("contacts lost", float(4 - left), 0)
     yield Figure("force, error", abs(sim.substrate.force.sum() / (-4 * share * PULL_OFF) - 1), 1e-3)
-    yield Figure("kinetic energy left", fallen / scale, 1e-6)
+    yield Figure("kinetic energy left", bobbing / scale, 1e-6)
 
 
 @hard("spheres come down on sticky ground between two exchanges", seldom=True)
@@ -178,13 +183,13 @@ def snapping(setting):
     sim = sticky(setting)
     position = sim.scene.spheres.position + np.array([[0, 0, 0.01 * R]])
     velocity = np.zeros((4, 3))
-    velocity[:, 2] = -0.02 * (1 + np.arange(4))
+    velocity[:, 2] = -0.005 * (1 + np.arange(4))
     restart(sim, position, velocity)
     scale = kinetic(sim)
     sim.run(duration=0.1)
     yield finite(sim)
     yield Figure("contacts missed", float(4 - len(sim.substrate.force)), 0)
-    yield Figure("kinetic energy left", kinetic(sim) / scale, 1e-6)
+    yield Figure("kinetic energy left", upward(sim) / scale, 1e-6)
     phase, turns = sim.summary()["exchange_phase"], 2 * np.pi  # within which damping ends it
     yield energy(sim, scale, wobble(sim) + drawn(phase, turns, LEAST))
 

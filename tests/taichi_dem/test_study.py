@@ -54,6 +54,12 @@ def test_an_exchange_every_few_steps_is_a_setting():
     assert (ground.exchange, ground.exchange_every) == ("implicit", 4)
     assert Settings.of(every.applied(setup), 1e-5) == every
     assert Settings.tightest(every.applied(setup), 1e-5).exchange == "implicit"
+    steps = (1e-5, 2e-5, 5e-6, 3e-6, 4e-5)
+    kept = ["every 4", "every 2", "every 8", "every 13", "implicit"]  # 40 us, or less
+    assert [every.at(step).exchange for step in steps] == kept
+    assert [every.at(step).step for step in steps] == list(steps)
+    assert Settings(1e-5, exchange="lagged").at(1e-6).exchange == "lagged"
+    assert Settings(1e-5).at(1e-6) == Settings(1e-6)
     for coupling in ("none", "point"):
         assert every.but("coupling", coupling).accepted(every.applied(setup))
 

@@ -24,7 +24,7 @@ PILE = 5  # the last sphere comes from above
 SIDE = 4.04 * R
 OUT = 0.3 * R  # of the box, where the piston waits
 SETTLED = 0.25  # s, when the pile of five sleeps
-PUSH = 0.6  # s, when all do, and the piston sets out
+PUSH = 2.5  # s, when all do, and the piston sets out
 PISTON = 5  # among the boundaries: after the five walls of the box
 
 HOLD = dem.CDT(0.2, torsion_torque=True, regularization="spring", rolling_damping=0.5)

@@ -65,7 +65,7 @@ def test_the_error_found_is_about_the_one_asked():
 def test_what_was_chosen_is_on_record(tmp_path, monkeypatch):
     settings = choice.Settings(2e-5, 1e-5, 1e-5, "point", "implicit")
     made = choice.Choice(settings, 1e-3, 8e-4, 1e-3, False, "the asked error", {})
-    monkeypatch.setattr(choice, "choose", lambda scene, duration, asked: made)
+    monkeypatch.setattr(choice, "choose", lambda *_: made)
     bobbing().to_toml(tmp_path / "scene.toml")
     command = ["run", str(tmp_path / "scene.toml"), "--duration", "1e-3", "--error", "1e-3"]
     assert cli.main([*command, "-o", str(tmp_path / "out")]) == cli.DONE

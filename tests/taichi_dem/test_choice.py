@@ -6,13 +6,14 @@ import math
 
 import numpy as np
 import pytest
-from bobbing import STONE, bobbing
+from bobbing import STONE, R, bobbing
 from setups import law, scene
 
 import taichi_dem as dem
 from taichi_dem import accuracy, choice, cli, scene_file
 from taichi_dem.asked_error import settled
-from taichi_dem.neglect import Neglected
+from taichi_dem.moments import STATES
+from taichi_dem.neglect import Neglected, turned_on
 from taichi_dem.pilot import Pilot
 
 
@@ -120,6 +121,36 @@ def test_the_error_found_is_about_the_one_asked():
     assert told.limit == "the asked error"
     assert asked / 3 < found < 2 * asked
     assert told.expected == pytest.approx(found, rel=0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("asked", [1e-3, 1e-4])
+def test_fewer_exchanges_leave_the_error_what_was_asked(asked):
+    """Twelve that bob together."""
+    pilot = Pilot(bobbing(2), 0.01)
+    told = choice.choose_by(pilot, asked)
+    fine = pilot.tight.but("step", told.settings.step / 8)
+    found = accuracy.worst(pilot.distance(told.settings, fine))
+    assert told.settings.every > 1 and not pilot.is_steep(told.settings)
+    assert found < 2 * asked
+    if told.limit == "the asked error":
+        assert found > asked / 3
+
+
+@pytest.mark.slow
+def test_the_pilot_says_what_no_setting_turns_on():
+    """Three in a row between walls: those of the middle one feel each other through it. Where it
+    is added, nothing is left out."""
+    gap = 2 * R * 0.99
+    place = np.column_stack([gap * np.arange(3), np.zeros(3), np.zeros(3)])
+    ends = [((-0.98 * R, 0, 0), (1, 0, 0)), ((2 * gap + 0.98 * R, 0, 0), (-1, 0, 0))]
+    walls = [dem.Plane(*end, STONE) for end in ends]
+    setup = scene(place, R, STONE, law=law(), boundaries=walls)
+    (effect,) = Pilot(setup, 1e-3).left_out()
+    assert effect.name == "multi-contact" and effect.size > 0.01 and effect.states == STATES
+    fuller = turned_on(setup, effect.name)
+    assert isinstance(fuller.law.surface, dem.MultiContact)
+    assert Pilot(fuller, 1e-3).left_out() == []
 
 
 def left_out(size):

@@ -49,6 +49,8 @@ def run(
     scene, plan = read(path, overrides, duration)
     if error is not None and (problem := number_problem("--error", error, _ERROR)):
         raise InputError([problem])
+    if error is None and left_out != asked_error.LEFT_OUT[0]:
+        raise InputError([Problem("--left-out", left_out, "goes with --error only")])
     folders.check_free(folder, overwrite)
     print(f"{count(scene.spheres.count, 'sphere')}; compiling …", flush=True)
 

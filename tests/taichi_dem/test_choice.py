@@ -241,4 +241,6 @@ def test_an_error_must_be_one(tmp_path, capsys):
     command = ["run", str(tmp_path / "scene.toml"), "--duration", "1e-3", "-o", str(tmp_path / "x")]
     assert cli.main([*command, "--error", "2"]) == cli.WRONG_INPUT
     assert "--error = 2.0: must be > 0 and < 1" in capsys.readouterr().err
+    assert cli.main([*command, "--left-out", "add"]) == cli.WRONG_INPUT
+    assert "goes with --error only" in capsys.readouterr().err
     assert not (tmp_path / "x").exists()

@@ -21,7 +21,8 @@ def settled(
     ``summary.json`` says of them; ``say`` takes lines for people.
 
     ``left_out`` (one of ``LEFT_OUT``): effects of which more than ``asked`` is estimated, but which
-    are laws and no settings, are warned of, refused (``InputError``), or added to the scene.
+    are laws and no settings, are warned of, refused (``InputError``), or added to the scene; those
+    that cannot be estimated, or that the scene cannot have, are warned of in place of added.
     """
     from taichi_dem.choice import choose
     from taichi_dem.neglect import turned_on
@@ -34,8 +35,9 @@ def settled(
     if left_out == "add":
         fuller = scene
         for effect in choice.missing:
-            if (there := turned_on(fuller, effect.name)) is not None:
-                say(f"turned on: {effect.sentence(asked)}")
+            there = None if effect.size is None else turned_on(fuller, effect.name)
+            if there is not None:
+                say(f"turned on: {effect.sentence(asked).partition(':')[0]}")
                 fuller = there
         if fuller is not scene:
             scene = fuller

@@ -197,10 +197,12 @@ def test_what_no_setting_turns_on_is_refused_if_asked(monkeypatch):
         settled(bobbing(), scene_file.Run(duration=1e-3), 1e-3, "refuse", print)
 
 
-def test_what_a_scene_cannot_have_is_not_added(monkeypatch):
-    """Clusters that sleep know no law that solves for all contacts together."""
-    setup = scene([[0, 0, 1.0]], 1.0, STONE, law=law(), sleep=True)
-    monkeypatch.setattr(choice, "choose", lambda *_: left_out(0.12))
+@pytest.mark.parametrize(("sleeps", "size"), [(True, 0.12), (False, None)])
+def test_what_a_scene_cannot_have_is_not_added(monkeypatch, sleeps, size):
+    """Clusters that sleep know no law that solves for all contacts together; and what has no
+    solution is not asked for."""
+    setup = scene([[0, 0, 1.0]], 1.0, STONE, law=law(), sleep=sleeps)
+    monkeypatch.setattr(choice, "choose", lambda *_: left_out(size))
     lines = []
     found, _, _ = settled(setup, scene_file.Run(duration=1e-3), 1e-3, "add", lines.append)
     assert found.law.surface is None and any("not in this error" in line for line in lines)

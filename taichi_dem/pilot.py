@@ -69,7 +69,7 @@ class Pilot:
     def grounded(self, settings: Settings) -> int:
         """The most contacts with the substrate at a time."""
         contact = self.record(settings).contact
-        samples = contact[contact[:, 1] == SUBSTRATE, 0].astype(np.int64)
+        samples = contact[contact[:, 2] == SUBSTRATE, 0].astype(np.int64)
         return int(np.bincount(samples, minlength=1).max())
 
     def left_out(self) -> list[Neglected]:

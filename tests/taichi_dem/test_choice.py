@@ -116,6 +116,7 @@ def test_ground_that_is_never_solved_for_rarely_is_left_alone():
 def test_the_error_found_is_about_the_one_asked():
     asked, pilot = 1e-5, Pilot(bobbing(), 0.01)
     told = choice.choose_by(pilot, asked)
+    assert pilot.grounded(pilot.tight.but("step", pilot.stable)) == 2
     fine = pilot.tight.but("step", told.settings.step / 8)
     found = accuracy.worst(pilot.distance(told.settings, fine))
     assert told.limit == "the asked error"

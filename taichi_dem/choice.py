@@ -102,11 +102,11 @@ def choose_by(pilot: Pilot, asked: float) -> Choice:
     elif expected > 1.01 * goal:
         limit = f"no step below {step:.3g} s was tried"
     room = max(OWN_SHARE * asked, goal - expected)
-    settings, more = _exchange(pilot, settings.but("step", step), room)
+    settings, used = _exchange(pilot, settings.but("step", step), used, room)
     return Choice(
         settings,
         asked,
-        expected + used + more,
+        expected + used,
         pilot.window,
         pilot.chaotic,
         limit,
@@ -139,21 +139,22 @@ def _residual(pilot: Pilot, tight: Settings, asked: float) -> tuple[Settings, fl
     return tight, 0.0
 
 
-def _exchange(pilot: Pilot, each: Settings, room: float) -> tuple[Settings, float]:
-    """As few exchanges as add at most ``room`` to the error and need not be warned of, where that
-    saves time; and what they add to that of one at ``each`` step."""
-    chosen, used = each, 0.0
+def _exchange(pilot: Pilot, each: Settings, used: float, room: float) -> tuple[Settings, float]:
+    """``each`` with as few exchanges as add at most ``room`` to what it has ``used`` of the error and
+    need not be warned of, where that saves time; and what it then has used."""
+    chosen, best = each, used
     if each.exchange != "implicit" or not _solving_takes_time(pilot):
-        return chosen, used
+        return chosen, best
+    tight = pilot.tight.but("step", each.step)
     for every in SPARSE:
         sparse = each.but("exchange", f"{EVERY}{every}")
         if not sparse.accepted(pilot.scene):
             break
-        own = _own_error(pilot, sparse, each)
-        if own > room or pilot.is_steep(sparse):
+        own = _own_error(pilot, sparse, tight)
+        if own > used + room or pilot.is_steep(sparse):
             break
-        chosen, used = sparse, own
-    return chosen, used
+        chosen, best = sparse, max(own, used)
+    return chosen, best
 
 
 def _solving_takes_time(pilot: Pilot) -> bool:

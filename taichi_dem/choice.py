@@ -140,8 +140,8 @@ def _residual(pilot: Pilot, tight: Settings, asked: float) -> tuple[Settings, fl
 
 
 def _exchange(pilot: Pilot, each: Settings, used: float, room: float) -> tuple[Settings, float]:
-    """``each`` with as few exchanges as add at most ``room`` to what it has ``used`` of the error and
-    need not be warned of, where that saves time; and what it then has used."""
+    """``each`` with as few exchanges as add at most ``room`` to what it has ``used`` of the error
+    and need not be warned of, where that saves time; and what it then has used."""
     chosen, best = each, used
     if each.exchange != "implicit" or not _solving_takes_time(pilot):
         return chosen, best

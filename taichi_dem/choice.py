@@ -3,7 +3,8 @@
 The error of a step is that of a finer one left out: it is followed from the stable step down by
 halving, until the asked error lies between two steps or the errors fall in a steady order, and read
 off the line between them in the logarithms. Coupling and residual are loosened as long as the error
-of their own stays a small share of what is asked; the step gets the rest.
+of their own stays a small share of what is asked; the step gets the rest. At that step the ground
+is solved for as seldom as what this adds stays such a share, or within what the step leaves.
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ import numpy as np
 
 from taichi_dem import accuracy
 from taichi_dem.guards import SimulationStopped
+from taichi_dem.neglect import Neglected
 from taichi_dem.pilot import Pilot
 from taichi_dem.scene import Scene
-from taichi_dem.settings import Settings
+from taichi_dem.settings import EVERY, Settings
 from taichi_dem.study_report import described
 from taichi_dem.wording import quantity
 
@@ -29,6 +31,8 @@ MOST_HALVINGS = 8
 STEADY = 0.25  # that two orders in a row may differ, to go on beyond what was measured
 FARTHEST = 4.0  # times, below the finest step measured
 LOOSE = (1e-1, 1e-2, 1e-3)  # residuals, as shares of the asked error
+SPARSE = (2, 4, 8, 16)  # steps from one exchange to the next
+WORTH = 4  # pairs of contacts with the ground to each sphere, from which solving takes time
 LOWEST, HIGHEST = 0.5, 4.0  # orders that are believed
 
 
@@ -44,6 +48,12 @@ class Choice:
     chaotic: bool
     limit: str
     measured: dict[str, float]  # step (s, as text) to error
+    left_out: tuple[Neglected, ...] = ()
+
+    @property
+    def missing(self) -> list[Neglected]:
+        """Effects that are laws and no settings, and would change more than the asked error."""
+        return [effect for effect in self.left_out if effect.matters(self.asked)]
 
     def summary(self) -> dict[str, Any]:
         """For ``summary.json``."""
@@ -55,6 +65,7 @@ class Choice:
             "limit": self.limit,
             "settings": dataclasses.asdict(self.settings),
             "measured": self.measured,
+            "left_out": {effect.name: effect.summary(self.asked) for effect in self.left_out},
         }
 
     def words(self) -> Iterator[str]:
@@ -63,12 +74,17 @@ class Choice:
         part = "before trajectories part" if self.chaotic else "of the run"
         over = quantity(self.window, "s")
         yield f"expected error {self.expected:.2g} over the first {over} {part}"
+        for effect in self.missing:
+            yield f"not in this error: {effect.sentence(self.asked)}"
 
 
-def choose(scene: Scene, duration: float, asked: float) -> Choice:
+def choose(scene: Scene, duration: float, asked: float, estimate: bool = True) -> Choice:
     """The cheapest settings whose error over ``duration`` (s) is ``asked``: the worst of those that
-    :func:`taichi_dem.accuracy.errors` gives, as long as trajectories are comparable."""
-    return choose_by(Pilot(scene, duration), asked)
+    :func:`taichi_dem.accuracy.errors` gives, as long as trajectories are comparable; and, by an
+    ``estimate``, what the scene leaves out that no setting turns on."""
+    pilot = Pilot(scene, duration)
+    choice = choose_by(pilot, asked)
+    return dataclasses.replace(choice, left_out=tuple(pilot.left_out())) if estimate else choice
 
 
 def choose_by(pilot: Pilot, asked: float) -> Choice:
@@ -85,8 +101,10 @@ def choose_by(pilot: Pilot, asked: float) -> Choice:
         limit = "the stable step"
     elif expected > 1.01 * goal:
         limit = f"no step below {step:.3g} s was tried"
+    room = max(OWN_SHARE * asked, goal - expected)
+    settings, used = _exchange(pilot, settings.but("step", step), used, room)
     return Choice(
-        settings.but("step", step),
+        settings,
         asked,
         expected + used,
         pilot.window,
@@ -119,6 +137,33 @@ def _residual(pilot: Pilot, tight: Settings, asked: float) -> tuple[Settings, fl
         if own <= OWN_SHARE * asked:
             return loose, own
     return tight, 0.0
+
+
+def _exchange(pilot: Pilot, each: Settings, used: float, room: float) -> tuple[Settings, float]:
+    """``each`` with as few exchanges as add at most ``room`` to what it has ``used`` of the error
+    and need not be warned of, where that saves time; and what it then has used."""
+    chosen, best = each, used
+    if each.exchange != "implicit" or not _solving_takes_time(pilot):
+        return chosen, best
+    tight = pilot.tight.but("step", each.step)
+    for every in SPARSE:
+        sparse = each.but("exchange", f"{EVERY}{every}")
+        if not sparse.accepted(pilot.scene):
+            break
+        own = _own_error(pilot, sparse, tight)
+        if own > used + room or pilot.is_steep(sparse):
+            break
+        chosen, best = sparse, max(own, used)
+    return chosen, best
+
+
+def _solving_takes_time(pilot: Pilot) -> bool:
+    """By counts, not by a clock: the choice is the same on every machine."""
+    grounded = pilot.grounded(pilot.tight.but("step", pilot.stable))
+    ground = pilot.scene.substrate
+    if ground is not None and ground.homogeneous and pilot.scene.period is None:
+        return grounded**2 >= WORTH * pilot.scene.spheres.count
+    return grounded > 1  # through the host
 
 
 def _own_error(pilot: Pilot, loose: Settings, tight: Settings) -> float:

@@ -67,7 +67,14 @@ def _parser() -> argparse.ArgumentParser:
         "--error",
         type=float,
         metavar="SHARE",
-        help="choose time step, tolerances and coupling so that this error is met: 1e-3",
+        help="choose time step, tolerances, coupling and exchange so that this error is met: 1e-3",
+    )
+    run.add_argument(
+        "--left-out",
+        choices=("warn", "refuse", "add"),
+        default="warn",
+        help="with --error: what becomes of effects that are left out and would change more; "
+        "default: %(default)s",
     )
 
     check = commands.add_parser(
@@ -125,7 +132,15 @@ def _run(asked: argparse.Namespace) -> int:
 
     folder = asked.output or Path("out") / asked.scene.stem
     try:
-        run(asked.scene, folder, asked.set, asked.duration, asked.overwrite, asked.error)
+        run(
+            asked.scene,
+            folder,
+            asked.set,
+            asked.duration,
+            asked.overwrite,
+            asked.error,
+            asked.left_out,
+        )
     except SimulationStopped as stop:
         _complain(f"stopped: {stop}")
         return STOPPED

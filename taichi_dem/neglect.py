@@ -84,6 +84,11 @@ def applicable(scene: Scene) -> bool:
     return any(True for _ in _candidates(_bare(scene)))
 
 
+def turned_on(scene: Scene, name: str) -> Scene | None:
+    """The scene with the effect of this name; None where it cannot have it."""
+    return next((one.scene for one in _candidates(scene) if one.name == name), None)
+
+
 def neglected(
     sim: Any, moments: Sequence[Moment] | None = None, say: Callable[[str], None] | None = None
 ) -> list[Neglected]:

@@ -9,10 +9,15 @@ from __future__ import annotations
 
 import warnings
 
+import numpy as np
+
 from taichi_dem import accuracy
+from taichi_dem.contact_list import SUBSTRATE
+from taichi_dem.moments import Moments
+from taichi_dem.neglect import Neglected, neglected
 from taichi_dem.record import SAMPLES, Record, even_step, record
 from taichi_dem.scene import Scene
-from taichi_dem.settings import Settings
+from taichi_dem.settings import EVERY, Settings
 from taichi_dem.simulation import Simulation
 
 MOST_WORK = 1e7  # particle-steps
@@ -29,6 +34,7 @@ class Pilot:
         self.scene = scene
         self._simulations: dict[Settings, Simulation] = {}
         self._records: dict[Settings, Record] = {}
+        self._steep: set[Settings] = set()
         self.tight = Settings.tightest(scene, 0.0)
         stable = self._simulation(self.tight).stable.value
         self.window = min(duration, MOST_WORK / scene.spheres.count * stable)
@@ -55,18 +61,51 @@ class Pilot:
         reference_run = self.record(reference)
         return accuracy.errors(self.record(settings), reference_run, reference_run.samples)
 
-    def _run(self, settings: Settings, step: float, member: int) -> Record:
-        sim = self._simulation(settings.but("step", 0.0))
+    def is_steep(self, settings: Settings) -> bool:
+        """Whether contacts swing so far between two exchanges that a run would warn of it."""
+        self.record(settings)
+        return settings in self._steep
+
+    def grounded(self, settings: Settings) -> int:
+        """The most contacts with the substrate at a time."""
+        contact = self.record(settings).contact
+        samples = contact[contact[:, 2] == SUBSTRATE, 0].astype(np.int64)
+        return int(np.bincount(samples, minlength=1).max())
+
+    def left_out(self) -> list[Neglected]:
+        """What the effects would change that no setting turns on (:mod:`taichi_dem.neglect`)."""
+        sim, seen = self._simulation(self.tight), Moments(self.window)
+        self._restart(sim, self.stable, 0)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
-            sim.restart(
-                accuracy.perturbed(self.scene.spheres, member),
-                dt=even_step(step, self.window, SAMPLES),
-            )
-            return record(sim, self.window, SAMPLES)
+            sim.run(duration=self.window, outputs=[seen])
+        return neglected(sim, seen.kept)
+
+    def _run(self, settings: Settings, step: float, member: int) -> Record:
+        sim = self._simulation(settings)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)
+            self._restart(sim, step, member)
+            found = record(sim, self.window, SAMPLES)
+        if "sparse_exchange" in sim.warnings:
+            self._steep.add(settings)
+        return found
+
+    def _restart(self, sim: Simulation, step: float, member: int) -> None:
+        sim.restart(
+            accuracy.perturbed(self.scene.spheres, member),
+            dt=even_step(step, self.window, SAMPLES),
+        )
 
     def _simulation(self, settings: Settings) -> Simulation:
-        """One for all steps: it is compiled once."""
-        if settings not in self._simulations:
-            self._simulations[settings] = Simulation(settings.applied(self.scene))
-        return self._simulations[settings]
+        """One for all steps, and for all that are solved for every few of them: it is compiled
+        once."""
+        compiled = settings.but("step", 0.0)
+        if settings.every > 1:
+            compiled = compiled.but("exchange", f"{EVERY}2")
+        if compiled not in self._simulations:
+            self._simulations[compiled] = Simulation(compiled.applied(self.scene))
+        sim = self._simulations[compiled]
+        if settings.every > 1 and (exchange := sim._engine.exchange) is not None:
+            exchange.between.every[None] = settings.every
+        return sim

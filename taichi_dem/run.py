@@ -9,13 +9,14 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from taichi_dem import asked_error, scene_file
 from taichi_dem import folder as folders
-from taichi_dem import scene_file
 from taichi_dem.output import Frames, History, Output, Progress, State, Summary, amend
 from taichi_dem.run_plan import Run
 from taichi_dem.scene import Scene
@@ -34,11 +35,13 @@ def run(
     duration: float | None = None,
     overwrite: bool = False,
     error: float | None = None,
+    left_out: str = "warn",
 ) -> None:
     """Run the scene at ``path``, write into ``folder`` and say on standard output what happened.
 
     ``overrides`` as in :func:`taichi_dem.scene_file.read`; ``duration`` (s) replaces the file's;
-    ``error``: the settings are chosen such that it is met (:mod:`taichi_dem.choice`).
+    ``error``: the settings are chosen such that it is met; ``left_out``: what becomes of effects
+    that would change more (:mod:`taichi_dem.asked_error`).
     What the scene leaves out is estimated at the end (:mod:`taichi_dem.neglect`).
     Raises ``InputError`` before anything is written; ``KeyboardInterrupt`` (Ctrl-C) and
     ``SimulationStopped`` after what was computed has been written, the last good state included.
@@ -46,6 +49,8 @@ def run(
     scene, plan = read(path, overrides, duration)
     if error is not None and (problem := number_problem("--error", error, _ERROR)):
         raise InputError([problem])
+    if error is None and left_out != asked_error.LEFT_OUT[0]:
+        raise InputError([Problem("--left-out", left_out, "goes with --error only")])
     folders.check_free(folder, overwrite)
     print(f"{count(scene.spheres.count, 'sphere')}; compiling …", flush=True)
 
@@ -54,16 +59,19 @@ def run(
     from taichi_dem.simulation import Simulation, SimulationStopped
 
     with plain_warnings():
-        scene, plan, notes = _settled(scene, plan, error)
+        notes: dict[str, Any] | None = None
+        if error is not None:
+            say = partial(print, flush=True)
+            scene, plan, notes = asked_error.settled(scene, plan, error, left_out, say)
         sim = Simulation(scene, plan.dt, energy_balance=plan.energy_balance)
         steps, simulated = length(plan, sim.dt)
         print(f"{count(steps, 'step')} of {quantity(sim.dt, 's')}, {sim.dt_reason}", flush=True)
         folders.clear(folder)
         written = outputs(plan, simulated, folder, notes)
-        left_out = None
+        seen = None
         if plan.estimate_neglected and applicable(scene):
-            left_out = Moments(simulated)
-            written.append(left_out)
+            seen = Moments(simulated)
+            written.append(seen)
         start = time.perf_counter()
         try:
             sim.run(steps=steps, outputs=written)
@@ -76,8 +84,8 @@ def run(
             _keep_spheres(scene, {**vars(sim.particles), "time": sim.time}, folder)
             raise
         _finish(sim, folder, time.perf_counter() - start)
-        if left_out is not None:
-            _estimate(sim, left_out.kept, folder, error or THRESHOLD)
+        if seen is not None:
+            _estimate(sim, seen.kept, folder, error or THRESHOLD)
 
 
 def read(path: Path, overrides: Sequence[str], duration: float | None) -> tuple[Scene, Run]:
@@ -95,29 +103,6 @@ def length(plan: Run, dt: float) -> tuple[int, float]:
     """Steps, and simulated time in s; at least the duration that was asked for."""
     steps = plan.steps or int(np.ceil(plan.duration / dt * (1 - 1e-12)))  # type: ignore[operator]
     return steps, steps * dt
-
-
-def _settled(
-    scene: Scene, plan: Run, error: float | None
-) -> tuple[Scene, Run, dict[str, Any] | None]:
-    """Scene and plan with the settings that an asked error calls for, and what ``summary.json``
-    says of them."""
-    if error is None:
-        return scene, plan, None
-    from taichi_dem.choice import choose
-
-    duration = plan.duration
-    if duration is None:
-        if plan.dt is None:
-            rule = "must be given in s, or as run.steps with run.dt, where an error is asked for"
-            raise InputError([Problem("run.duration", None, rule)])
-        duration = (plan.steps or 1) * plan.dt
-    choice = choose(scene, duration, error)
-    for line in choice.words():
-        print(line, flush=True)
-    step = min(choice.settings.step, duration)
-    plan = dataclasses.replace(plan, dt=step, duration=duration, steps=None)
-    return choice.settings.applied(scene), plan, {"asked_error": choice.summary()}
 
 
 def outputs(

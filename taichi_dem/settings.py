@@ -18,7 +18,7 @@ VALUES: dict[str, tuple[Any, ...]] = {  # from loose to tight
     "tolerance": (1e-2, 1e-4, 1e-6),
     "residual": (1e-1, 1e-2, 1e-4, 1e-6),
     "coupling": ("none", "point", "finite"),
-    "exchange": ("lagged", "every 16", "every 4", "every 2", "implicit"),
+    "exchange": ("lagged", "every 16", "every 8", "every 4", "every 2", "implicit"),
     "precision": ("single", "double"),
     "skin": (0.02, 0.05, 0.1, 0.2),  # smallest diameters
 }
@@ -72,13 +72,10 @@ class Settings:
         if ground is None or self.coupling is None:
             return scene
         changes: dict[str, Any] = {"tolerance": self.tolerance, "residual": self.residual}
-        exchange, changes["exchange_every"] = self.exchange, 1
-        if exchange is not None and exchange.startswith(EVERY):
-            exchange, changes["exchange_every"] = "implicit", int(exchange.removeprefix(EVERY))
         if self.coupling == "none":
-            changes["exchange"] = "none"
+            changes |= {"exchange": "none", "exchange_every": 1}
         else:
-            changes |= {"coupling": self.coupling, "exchange": exchange}
+            changes |= {"coupling": self.coupling, **exchange_keys(self.exchange or "implicit")}
         return dataclasses.replace(scene, substrate=dataclasses.replace(ground, **changes))
 
     def accepted(self, scene: Scene) -> bool:
@@ -95,6 +92,27 @@ class Settings:
         if changed.coupling == "none":
             return dataclasses.replace(changed, exchange=None)
         return changed
+
+    @property
+    def every(self) -> int:
+        """Steps from one exchange to the next."""
+        return exchange_keys(self.exchange or "implicit")["exchange_every"]
+
+    def at(self, step: float) -> Settings:
+        """These with another step (s), and about as much time from one exchange to the next: that
+        is what extrapolation errs by."""
+        changed = dataclasses.replace(self, step=step)
+        if self.every == 1:
+            return changed
+        every = int(self.every * self.step / step * (1 + 1e-9))
+        return changed.but("exchange", f"{EVERY}{every}" if every > 1 else "implicit")
+
+
+def exchange_keys(exchange: str) -> dict[str, Any]:
+    """Those of ``Substrate`` for ``Settings.exchange``."""
+    if exchange.startswith(EVERY):
+        return {"exchange": "implicit", "exchange_every": int(exchange.removeprefix(EVERY))}
+    return {"exchange": exchange, "exchange_every": 1}
 
 
 def ladder(knob: str, scene: Scene, tight: Settings, stable: float) -> list[Settings]:

@@ -26,7 +26,8 @@ AIM = 0.8  # of what is left of a target, for the step
 class Study:
     """What a study found. ``window``: s that it covers, looked at ``samples`` times; ``last``: the
     sample up to which trajectories are comparable, all of them unless the scene is ``chaotic``;
-    ``orders``: those fitted to the errors of the time step, by measure."""
+    ``orders``: those fitted to the errors of the time step, by measure; ``sparse_order``: that
+    in the time between two exchanges, None where it was not measured."""
 
     folder: Path
     window: float
@@ -35,6 +36,7 @@ class Study:
     last: int = 0
     points: list[Point] = dataclasses.field(default_factory=list)
     orders: dict[str, float] = dataclasses.field(default_factory=dict)
+    sparse_order: float | None = None
 
 
 class Bench:
@@ -103,7 +105,7 @@ class Bench:
             settings, used = self._loosened(ROOM * target)
             left = AIM * (target - used)
             step = min((left / scale) ** (1 / order), self.stable)
-            settings = settings.but("step", self._even(step))
+            settings = settings.at(self._even(step))
             new = settings not in [point.settings for point in points]
             if new and settings.step >= 2 * self.tight.step:
                 points.append(Point(f"combined {target:g}", settings))
@@ -119,12 +121,21 @@ class Bench:
             found = orders.fit(steps, errors, 0.0 if absolute else self.tight.step)
             if found is not None:
                 self.study.orders[name] = found[0]
+        self.study.sparse_order = self._sparse_order()
         return orders.fit(steps, [point.error for point in points], self.tight.step)
+
+    def _sparse_order(self) -> float | None:
+        """That of extrapolation, by the errors that it adds."""
+        points = [p for p in self.study.points if p.knob == "exchange" and p.settings.every > 1]
+        between = [point.settings.every * point.settings.step for point in points]
+        found = orders.fit(between, [p.alone if p.alone else float("inf") for p in points])
+        return None if found is None else found[0]
 
     def _loosened(self, room: float) -> tuple[Settings, float]:
         """The tightest settings with each knob at the loosest value whose own error is at most
-        ``room``; and the sum of these errors. (Not by the times: these are less certain.)"""
-        settings, used = self.tight, 0.0
+        ``room``, at the step that they were turned at; and the sum of these errors. (Not by the
+        times: these are less certain.)"""
+        settings, used = self.tight.but("step", self.twin.settings.step), 0.0
         for point in self.study.points:
             own = float("inf") if point.alone is None else point.alone
             first = getattr(settings, point.knob, None) == getattr(self.tight, point.knob, None)

@@ -43,6 +43,8 @@ def sentences(study: Any) -> Iterator[str]:
     if study.orders:
         listed = ", ".join(f"{name} {order:.2f}" for name, order in study.orders.items())
         yield f"orders of convergence in the time step: {listed}"
+    if study.sparse_order is not None:
+        yield f"order in the time from one exchange to the next: {study.sparse_order:.2f}"
     for point in study.points:
         if not point.seconds:
             yield f"{point.knob}, {described(point.settings)}: {point.outcome}"

@@ -1,6 +1,18 @@
 """Hard cases, by kind; ``CASES`` are all of them."""
 
-from tests.hard import beds, ground, impacts, laws, steps
+from tests.hard import beds, ground, impacts, laws, sleepers, sparse, steps
 from tests.hard.kit import CASES, Case, Figure, Setting
 
-__all__ = ["CASES", "Case", "Figure", "Setting", "beds", "ground", "impacts", "laws", "steps"]
+__all__ = [
+    "CASES",
+    "Case",
+    "Figure",
+    "Setting",
+    "beds",
+    "ground",
+    "impacts",
+    "laws",
+    "sleepers",
+    "sparse",
+    "steps",
+]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import taichi_dem as dem
+from taichi_dem.settings import exchange_keys
 from tests.taichi_dem.setups import EPS
 
 DRIVERS = ("serial", "parallel")
@@ -32,7 +33,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Setting:
-    """How a case is run."""
+    """How a case is run; ``exchange``: of ``Substrate``, or "every m" (steps)."""
 
     driver: str
     exchange: str | None = None
@@ -40,7 +41,7 @@ class Setting:
     def simulation(self, scene: dem.Scene, **options) -> dem.Simulation:
         """``scene`` under this driver and, if it has a substrate, this exchange; quiet."""
         if self.exchange is not None and scene.substrate is not None:
-            substrate = replace(scene.substrate, exchange=self.exchange)
+            substrate = replace(scene.substrate, **exchange_keys(self.exchange))
             scene = replace(scene, substrate=substrate)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -52,12 +53,14 @@ class Setting:
 
 @dataclass(frozen=True)
 class Case:
-    """``run(setting)`` yields the figures; ``kind`` is the module that it stands in."""
+    """``run(setting)`` yields the figures; ``kind`` is the module that it stands in; one that is
+    ``seldom`` run is left to the slow tests."""
 
     kind: str
     name: str
     run: Callable[[Setting], Iterable[Figure]]
     settings: tuple[Setting, ...]
+    seldom: bool = False
 
     def figures(self, setting: Setting) -> list[Figure]:
         with warnings.catch_warnings():
@@ -68,16 +71,22 @@ class Case:
 CASES: list[Case] = []
 
 
-def hard(name: str, *values, exchanges: tuple[str | None, ...] = (None,), drivers=DRIVERS):
+def hard(
+    name: str,
+    *values,
+    exchanges: tuple[str | None, ...] = (None,),
+    drivers=DRIVERS,
+    seldom: bool = False,
+):
     """Register a case, or one for each of ``values``, which ``name`` and the function then take."""
 
     def register(run):
         kind = run.__module__.rpartition(".")[2]
         settings = tuple(Setting(*both) for both in product(drivers, exchanges))
         if not values:
-            CASES.append(Case(kind, name, run, settings))
+            CASES.append(Case(kind, name, run, settings, seldom))
         for value in values:
-            CASES.append(Case(kind, name.format(value), _with(run, value), settings))
+            CASES.append(Case(kind, name.format(value), _with(run, value), settings, seldom))
         return run
 
     return register
@@ -88,8 +97,8 @@ def _with(run, value):
 
 
 def settings_of(kind: str):
-    """The cases of a kind for a test: the first setting of each every time, the others if slow
-    ones are asked for."""
+    """The cases of a kind for a test: the first setting of each every time unless it is seldom run,
+    the others if slow ones are asked for."""
     return pytest.mark.parametrize(
         ("case", "setting"),
         [
@@ -97,7 +106,7 @@ def settings_of(kind: str):
                 case,
                 setting,
                 id=f"{case.name} [{setting}]",
-                marks=[pytest.mark.slow] if setting != case.settings[0] else [],
+                marks=[pytest.mark.slow] if case.seldom or setting != case.settings[0] else [],
             )
             for case in CASES
             if case.kind == kind

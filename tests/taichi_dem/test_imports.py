@@ -23,7 +23,7 @@ LAYERS = {
     "simulation": "alerts asked schedule simulation moments neglect",
     "outputs": "style wording snapshot frames progress output bed dents plot",
     "tools": "folder run cost check settings record accuracy orders closed_form worker workers "
-    "study_point study_report study_bench studies pilot choice cli __main__",
+    "study_point study_report study_bench studies pilot choice asked_error cli __main__",
 }
 MAY_IMPORT = {
     "scene": {"scene"},

@@ -18,7 +18,7 @@ import taichi_dem as dem
 from taichi_dem import cli, study_report
 from taichi_dem.settings import KNOBS, Settings, ladder
 from taichi_dem.studies import study
-from taichi_dem.study_bench import Study
+from taichi_dem.study_bench import Bench, Study
 from taichi_dem.study_point import TABLE, Point, append, cheapest, pareto
 
 ROOT = Path(__file__).parents[2]
@@ -54,6 +54,12 @@ def test_an_exchange_every_few_steps_is_a_setting():
     assert (ground.exchange, ground.exchange_every) == ("implicit", 4)
     assert Settings.of(every.applied(setup), 1e-5) == every
     assert Settings.tightest(every.applied(setup), 1e-5).exchange == "implicit"
+    steps = (1e-5, 2e-5, 5e-6, 3e-6, 4e-5)
+    kept = ["every 4", "every 2", "every 8", "every 13", "implicit"]  # 40 us, or less
+    assert [every.at(step).exchange for step in steps] == kept
+    assert [every.at(step).step for step in steps] == list(steps)
+    assert Settings(1e-5, exchange="lagged").at(1e-6).exchange == "lagged"
+    assert Settings(1e-5).at(1e-6) == Settings(1e-6)
     for coupling in ("none", "point"):
         assert every.but("coupling", coupling).accepted(every.applied(setup))
 
@@ -91,10 +97,22 @@ def test_sentences_name_what_meets_each_target(tmp_path):
         f"error {target}" for target in ("0.1", "0.01", "0.001", "0.0001")
     ]
     assert "none of the settings tried" in said[-1]
+    result.sparse_order = 2.1
+    assert "exchange to the next: 2.10" in list(study_report.sentences(result))[2]
     stopped = Point("step", Settings(1e-5), "stopped: too deep")
     chaotic = Study(tmp_path, 1.0, 32, True, 8, [*points(), stopped])
     said = list(study_report.sentences(chaotic))
     assert "chaotic" in said[0] and "250 ms of 1 s" in said[0] and "too deep" in said[1]
+
+
+def test_the_order_of_fewer_exchanges_is_fitted(tmp_path):
+    """To what they add; one that was stopped has nothing to say."""
+    bench = Bench(bobbing(), tmp_path, 1.0, 8, 1, print)
+    for every in (2, 4, 8):
+        settings = Settings.of(bobbing(), 1e-5).but("exchange", f"every {every}")
+        bench.study.points.append(Point("exchange", settings, alone=1e-6 * every**2.2))
+    bench.study.points.append(Point("exchange", settings.but("exchange", "every 16")))
+    assert bench._sparse_order() == pytest.approx(2.2, abs=0.01)
 
 
 def test_results_are_appended(tmp_path):

@@ -53,7 +53,7 @@ class Neglected:
             return f"{self.name} cannot be estimated: {self.problem}"
         advice = f"turn it on ({self.entry})"
         if self.barred:
-            advice = f"but it cannot be turned on, as {self.barred}"
+            advice = f"but it cannot be turned on here: {self.barred}"
         if self.size == np.inf:
             return f"{self.name} would make forces where there are none: {advice}"
         if self.matters(threshold):
@@ -114,7 +114,7 @@ def neglected(
         else:
             size, contacts = change(without, with_it)
             found.append(Neglected(candidate.name, candidate.entry, size, contacts, len(moments)))
-    return [dataclasses.replace(one, barred=_bar(sim.scene, one.name)) for one in found]
+    return [dataclasses.replace(one, **_turning_on(sim.scene, one.name)) for one in found]
 
 
 def change(without: Sequence[np.ndarray], with_it: Sequence[np.ndarray]) -> tuple[float, int]:
@@ -144,8 +144,9 @@ def percent(share: float) -> str:
 
 
 def _bare(scene: Scene) -> Scene:
-    """The scene without what depends on the past, its contacts on the ground solved together if
-    they feel each other at all; ground that creeps is as stiff as it is at once."""
+    """The scene without what depends on the past, its contacts on the ground solved together at
+    every step if they feel each other at all; nobody sleeps, and ground that creeps is as stiff as
+    it is at once."""
     law = scene.law
     pairs = {
         names: {slot: part for slot, part in laws.items() if slot in ("normal", "surface")}
@@ -154,17 +155,19 @@ def _bare(scene: Scene) -> Scene:
     ground = scene.substrate
     if ground is not None:
         together = "implicit" if ground.exchange == "lagged" else ground.exchange
-        ground = dataclasses.replace(ground, exchange=together, relaxation=None)
+        ground = dataclasses.replace(ground, exchange=together, exchange_every=1, relaxation=None)
     bare = Law(law.normal, surface=law.surface, pairs=pairs)
-    return dataclasses.replace(scene, law=bare, substrate=ground)
+    return dataclasses.replace(scene, law=bare, substrate=ground, sleep=False)
 
 
-def _bar(scene: Scene, name: str) -> str:
-    """Why an effect cannot be turned on in the scene as it is, though it acts."""
-    creeps = scene.substrate is not None and scene.substrate.relaxation is not None
-    if name == "finite contact size" and creeps:
-        return "ground that creeps knows its contacts as points"
-    return ""
+def _turning_on(scene: Scene, name: str) -> dict[str, str]:
+    """What turns an effect on in the scene as it is, and why that cannot be done though it acts."""
+    entry, changes = next((entry, how) for one, entry, how, _ in _changes(scene) if one == name)
+    try:
+        dataclasses.replace(scene, **changes())
+    except InputError as error:
+        return {"entry": entry, "barred": "; ".join(str(problem) for problem in error.problems)}
+    return {"entry": entry, "barred": ""}
 
 
 def _candidates(scene: Scene) -> Iterator[_Candidate]:
@@ -192,11 +195,14 @@ def _changes(scene: Scene) -> Iterator[tuple[str, str, Callable[[], dict[str, An
         entry = 'substrate.coupling = "finite"'
         yield "finite contact size", entry, soil(coupling="finite"), several
     if law.surface is None:
-        entry = 'law.surface = { type = "MultiContact" }'
+        surface, entry = MultiContact(), 'law.surface = { type = "MultiContact" }'
+        if ground is not None and (ground.exchange == "lagged" or ground.relaxation is not None):
+            surface = MultiContact(exchange="lagged")
+            entry = 'law.surface = { type = "MultiContact", exchange = "lagged" }'
         yield (
             "multi-contact",
             entry,
-            lambda: {"law": dataclasses.replace(law, surface=MultiContact())},
+            lambda: {"law": dataclasses.replace(law, surface=surface)},
             lambda moment: moment.crowded,
         )
 

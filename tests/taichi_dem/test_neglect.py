@@ -134,6 +134,9 @@ def test_only_what_can_be_turned_on_is_looked_at():
     creeping = dem.Relaxation(relaxed_modulus=0.5 * STIFF.youngs_modulus, retardation_time=0.1)
     creeps = pressed(coupling="point", relaxation=creeping)
     assert names(creeps) == points  # estimated on ground as stiff as this is at once
+    assert names(pressed(exchange_every=4)) == ["multi-contact"]
+    sleeping = dataclasses.replace(pressed(exchange="none"), sleep=True)
+    assert names(sleeping) == ["substrate coupling", "multi-contact"]
     whole = dataclasses.replace(pressed(), law=dem.Law(dem.Hertz(0.5), surface=dem.MultiContact()))
     assert names(whole) == [] and not neglect.applicable(whole)
     sticky = dem.Law(dem.JKR(restitution=0.5, work_of_adhesion=0.01))
@@ -154,15 +157,30 @@ def test_sentences_say_what_to_do():
         '(substrate.exchange = "implicit")'
     )
     creeping = pressed(coupling="point", relaxation=dem.Relaxation(1e6, 1.0))
-    barred = dataclasses.replace(large, barred=neglect._bar(creeping, "finite contact size"))
-    assert "12 %: but it cannot be turned on, as ground that creeps" in barred.sentence()
-    assert barred.summary()["turn_on"] is False and not neglect._bar(creeping, "multi-contact")
+    barred = dataclasses.replace(large, **neglect._turning_on(creeping, "finite contact size"))
+    assert "12 %: but it cannot be turned on here: coupling = finite: must be" in barred.sentence()
+    assert barred.summary()["turn_on"] is False
     small = neglect.Neglected("finite contact size", entry, 0.0002, 7, 4)
     assert "0.02 % of the median contact force: rightly off" in small.sentence()
     assert small.matters(1e-4) and not small.matters()
     failed = neglect.Neglected("multi-contact", entry, None, problem="no equilibrium")
     assert failed.sentence() == "multi-contact cannot be estimated: no equilibrium"
     assert failed.summary()["turn_on"] is None and large.summary()["turn_on"] is True
+
+
+def test_what_is_advised_can_be_done():
+    """The entry that turns an effect on is one that the scene, as it is, takes; or it says why
+    there is none."""
+    creeping = {"coupling": "point", "relaxation": dem.Relaxation(1e6, 1.0)}
+    for changes in (creeping, {"exchange": "lagged", "coupling": "point"}):
+        one = pressed(**changes)
+        how = neglect._turning_on(one, "multi-contact")
+        assert how["entry"].endswith('exchange = "lagged" }') and not how["barred"]
+        assert neglect.turned_on(one, "multi-contact").law.surface.lagged
+    seldom = neglect._turning_on(pressed(exchange_every=4), "multi-contact")
+    assert seldom["barred"].startswith("substrate.exchange_every = 4: must be 1")
+    sleeping = dataclasses.replace(pressed(exchange="none"), sleep=True)
+    assert "with sleep" in neglect._turning_on(sleeping, "substrate coupling")["barred"]
 
 
 def test_a_run_writes_them_to_its_summary(running, found, tmp_path, monkeypatch, capsys):

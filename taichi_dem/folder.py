@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 import zipfile
+from contextlib import suppress
 from pathlib import Path
 
 from taichi_dem.frames import INDEX, read_index
@@ -26,27 +28,53 @@ def holds_run(folder: Path) -> bool:
 def check_free(folder: Path, overwrite: bool) -> None:
     """Raise ``InputError`` unless a run may write into ``folder``: it is new, or empty, or holds
     a run that is to be overwritten."""
+    if folder.exists() and folder.is_dir() and any(folder.iterdir()):
+        if not holds_run(folder):
+            raise _refused(folder, "holds other files; must be new, empty, or the folder of a run")
+        if not overwrite:
+            other = "choose another folder, or replace it with --overwrite"
+            raise _refused(folder, f"holds {_describe(folder)}; {other}")
+    if problem := unwritable(folder):
+        raise InputError([problem])
+
+
+def unwritable(folder: Path) -> Problem | None:
+    """Why nothing can be written into ``folder``, or ``None``. It is made and removed again, or a
+    file in it: permissions do not tell for everybody and everywhere."""
+    if folder.is_symlink() and not folder.exists():
+        return _problem(folder, f"is a link to {os.readlink(folder)}, which is not there")
     if folder.exists() and not folder.is_dir():
-        raise _refused(folder, "is a file; must be a folder")
+        return _problem(folder, "is a file; must be a folder")
     there = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
     if not there.is_dir():
-        raise _refused(folder, f"cannot be made: {there} is a file, not a folder")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise _refused(folder, f"cannot be written: no permission to write in {there}")
-    if not folder.exists() or not any(folder.iterdir()) or (holds_run(folder) and overwrite):
-        return
-    if not holds_run(folder):
-        raise _refused(folder, "holds other files; must be new, empty, or the folder of a run")
-    raise _refused(
-        folder, f"holds {_describe(folder)}; choose another folder, or replace it with --overwrite"
-    )
+        return _problem(folder, f"cannot be made: {there} is a file, not a folder")
+    made: list[Path] = []
+    try:
+        for path in reversed((folder, *folder.absolute().parents)):
+            if not path.exists():
+                path.mkdir()
+                made.append(path)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        return _problem(folder, f"cannot be written: {error.strerror} ({there})")
+    finally:
+        with suppress(OSError):  # somebody else has put something there
+            for path in reversed(made):
+                path.rmdir()
+    return None
 
 
 def clear(folder: Path) -> None:
     """Remove what a run has left in ``folder``, and nothing else."""
-    frames = [file for files in read_index(folder).values() for file in files]
+    frames = [file for files in read_index(folder).values() for file in files if _ours(file)]
     for name in (*FILES, *frames):
         (folder / name).unlink(missing_ok=True)
+
+
+def _ours(frame: str) -> bool:
+    """Whether the index names a file where frames are, and not elsewhere."""
+    return Path(frame).parent == Path("frames")
 
 
 def draw(folder: Path) -> list[Path]:
@@ -79,5 +107,9 @@ def _describe(folder: Path) -> str:
     return f"a run of {reached} ({outcome})"
 
 
+def _problem(folder: Path, rule: str) -> Problem:
+    return Problem("output", str(folder), rule)
+
+
 def _refused(folder: Path, rule: str) -> InputError:
-    return InputError([Problem("output", str(folder), rule)])
+    return InputError([_problem(folder, rule)])

@@ -15,7 +15,15 @@ from taichi_dem import packing, sphere_files
 from taichi_dem.material import Material, distinct
 from taichi_dem.overlaps import Pairs, overlapping
 from taichi_dem.periodic import Period
-from taichi_dem.validation import InputError, Problem, Range, as_numbers, first_few
+from taichi_dem.validation import (
+    InputError,
+    Problem,
+    Range,
+    array_problem,
+    as_numbers,
+    first_few,
+    shape_of,
+)
 
 _POSITION = Range("m", "centre")
 _RADIUS = Range("m", "radius", above=0.0)
@@ -44,8 +52,8 @@ class Spheres:
     def __post_init__(self) -> None:
         position = as_numbers(self.position)
         if position is None or position.ndim != 2 or position.shape[1] != 3 or not len(position):
-            rule = f"must be numbers of shape (n, 3), n >= 1, in m{_shape_of(self.position)}"
-            raise InputError([Problem("position", None, rule)], "spheres")
+            what = "numbers of shape (n, 3), n >= 1, in m"
+            raise InputError([array_problem("position", self.position, what, 3)], "spheres")
         problems = [
             *self._store("position", (len(position), 3), _POSITION),
             *self._store("radius", (len(position),), _RADIUS),
@@ -61,8 +69,8 @@ class Spheres:
         given = getattr(self, name)
         values = as_numbers((0.0, 0.0, 0.0) if given is None else given)
         if values is None or values.shape not in (shape, shape[1:]):
-            rule = f"must be numbers of shape {shape}, in {allowed.unit}{_shape_of(given)}"
-            return [Problem(name, None, rule)]
+            what = f"numbers of shape {shape}, in {allowed.unit}"
+            return [array_problem(name, given, what, *shape[1:])]
         wrong: np.ndarray = np.logical_not(allowed.holds(values))
         if values.ndim < len(shape) and wrong.any():
             return [Problem(name, given, allowed.rule())]
@@ -72,6 +80,8 @@ class Spheres:
 
     def _store_materials(self, n: int) -> list[Problem]:
         given = self.material
+        if isinstance(given, Problem):  # of a file that names them
+            return [given]
         try:
             kinds, index = _kinds_and_index(given, n)
         except (TypeError, ValueError) as error:
@@ -165,7 +175,8 @@ class Spheres:
     def from_npz(
         cls, path: str | Path, material: Material | Sequence[Material] | None = None
     ) -> Spheres:
-        """Read arrays named position, radius [, velocity] [, omega] [, material (names)].
+        """Read arrays named position, radius [, velocity] [, omega] [, material (names)], or the
+        spheres of the ``state.npz`` that a run has left.
 
         ``material`` as in :meth:`from_csv`.
         """
@@ -186,7 +197,7 @@ def _kinds_and_index(given: Any, n: int) -> tuple[tuple[Material, ...], np.ndarr
     if len(given) == 2 and not isinstance(given[0], Material):
         listed, index = tuple(given[0]), np.asarray(given[1])
         if index.dtype.kind not in "iu" or index.shape != (n,):
-            raise TypeError(f"index must be integers of shape {(n,)}{_shape_of(index)}")
+            raise TypeError(f"index must be integers of shape {(n,)}{shape_of(index)}")
         if index.min() < 0 or index.max() >= len(listed):
             raise ValueError(f"index must be from 0 to {len(listed) - 1}")
     else:
@@ -198,8 +209,3 @@ def _kinds_and_index(given: Any, n: int) -> tuple[tuple[Material, ...], np.ndarr
     kinds = distinct(listed)
     number = {kind: k for k, kind in enumerate(kinds)}
     return kinds, np.array([number[one] for one in listed])[index]
-
-
-def _shape_of(value: Any) -> str:
-    shape = getattr(as_numbers(value), "shape", None)
-    return "" if shape is None else f"; got shape {shape}"

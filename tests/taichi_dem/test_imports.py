@@ -14,15 +14,15 @@ PACKAGES = ("taichi_dem", "halfspace")
 
 LAYERS = {
     "scene": "validation material shapes periodic overlaps packing sphere_files spheres substrate "
-    "scene time_step writing tables toml_text scene_file",
+    "scene time_step writing tables toml_text reading scene_file",
     "kernels": "types control particles effects contact_list grid neighbors boundaries geometry "
     "expansions reciprocal expansion_newton forces pair_sums coupling extrapolation exchange "
     "joint pressed creep members hosted lagged integrate meeting drivers energy guards views sleep "
     "pace engine memory",
     "simulation": "schedule simulation moments neglect",
     "outputs": "style wording snapshot frames progress output bed dents plot",
-    "tools": "folder run cost check settings record accuracy orders closed_form worker workers "
-    "study_point study_report study_bench studies pilot choice cli __main__",
+    "tools": "streams folder run doubts cost check settings record accuracy orders closed_form "
+    "worker workers study_point study_report study_bench studies pilot choice cli __main__",
 }
 MAY_IMPORT = {
     "scene": {"scene"},

@@ -40,7 +40,8 @@ def _main(arguments: Sequence[str] | None) -> int:
         _complain("interrupted")
         return INTERRUPTED
     except OSError as error:
-        _complain(f"{error.filename or 'a file'}: {error.strerror or error}")
+        where = f"{error.filename}: " if error.filename else ""
+        _complain(f"{where}{error.strerror or error}")
         return FAILED
     except ImportError as error:
         _complain(str(error))

@@ -10,20 +10,26 @@ from contextlib import contextmanager
 from typing import Any
 
 GONE = (errno.EPIPE, errno.EIO)  # a closed pipe, a closed terminal
+# Whether the kernel compiler takes another standard output for that of a graphical shell.
+PYTHON_SHELLS = ("TI_ENABLE_PYBUF", "QD_ENABLE_PYBUF")
 
 
 @contextmanager
 def lasting() -> Iterator[None]:
     """What is printed in the block goes nowhere once nobody reads it any more."""
+    for variable in PYTHON_SHELLS:
+        os.environ.setdefault(variable, "0")
     before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = (stream and _Lasting(stream) for stream in before)
-    try:
-        yield
-    finally:
-        for stream in (sys.stdout, sys.stderr):
-            if stream:
-                stream.flush()
-        sys.stdout, sys.stderr = before
+    with open(os.devnull, "w", encoding="utf-8") as nowhere:  # for what was closed from the start
+        sys.stdout, sys.stderr = (_Lasting(stream or nowhere) for stream in before)
+        try:
+            yield
+        finally:
+            try:
+                sys.stdout.flush()
+                sys.stderr.flush()
+            finally:
+                sys.stdout, sys.stderr = before
 
 
 class _Lasting:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import taichi_dem as dem
-from taichi_dem import cli, wording
+from taichi_dem import cli, doubts, wording
 from taichi_dem import folder as folders
 from taichi_dem.frames import read_index
 from taichi_dem.output import read_history
@@ -161,8 +161,11 @@ def test_a_run_is_replaced_only_when_asked(finished, tmp_path, capsys):
 
     (folder / "notes.txt").write_text("mine")
     (folder / "last_good.npz").write_text("of the run before")
-    again = ["run", str(scene), "-o", str(folder), "--duration", "2e-4", "--overwrite"]
+    nearer = ["--set", "spheres.position[1]=[1.8e-3, 0, 1e-3]"]
+    again = ["run", str(scene), "-o", str(folder), "--duration", "2e-4", "--overwrite", *nearer]
     assert cli.main(again) == cli.DONE
+    said = capsys.readouterr()
+    assert "warning: spheres 0 and 1 overlap by 200 µm at the start, 20% of the" in said.err
     assert read_history(folder)["time_s"][-1] == pytest.approx(2e-4, rel=0.1)
     assert (folder / "notes.txt").read_text() == "mine"
     assert not (folder / "last_good.npz").exists()
@@ -392,8 +395,11 @@ def test_check_lists_what_a_scene_leaves_out(scene, capsys):
         '[substrate]\nmaterial = "gel"', ""
     )
     scene.write_text(plain)
-    assert cli.main(["check", str(scene)]) == cli.DONE
-    (off,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("off")]
+    nearer = ["--set", "spheres.position[1]=[1.9e-3, 0, 1e-3]"]
+    assert cli.main(["check", str(scene), *nearer]) == cli.DONE
+    said = capsys.readouterr()
+    (off,) = [line for line in said.out.splitlines() if line.startswith("off")]
+    assert "warning: spheres 0 and 1 overlap by 100 µm" in said.err
     for absent in ("tangential", "substrate", "rotation", "history", "dissipation"):
         assert absent in off
 
@@ -402,6 +408,29 @@ def test_check_finds_a_run_that_would_be_stopped(scene, capsys):
     assert cli.main(["check", str(scene), "--set", "run.dt=0.02", "--duration", "1"]) == cli.STOPPED
     said = capsys.readouterr().err
     assert "beyond the stable step" in said and "the run would be stopped: at t =" in said
+
+
+def test_a_scene_that_hardly_was_meant_is_doubted():
+    glass = dem.Material("glass", density=2500, youngs_modulus=5e6, poissons_ratio=0.22)
+
+    def said(apart, steps=1, radius=2e-3):
+        row = np.arange(3)[:, None] * [apart, 0, 0] + [0, 0, 1]
+        scene = dem.Scene(
+            spheres=dem.Spheres(row, radius, glass), law=dem.Law(dem.Hertz(restitution=0.5))
+        )
+        return list(doubts.doubts(scene, steps, 1e-9, "the time that light takes"))
+
+    assert said(3e-3) == [
+        "spheres 0 and 1 overlap by 1 mm at the start, 50% of the smaller radius (2 pairs by more "
+        "than 10%): they will fly apart unless they are held. Is a diameter given as a radius?"
+    ]
+    assert said(3.9e-3) == said(1.0, 10**9) == []
+    [line] = said(3.7e-3, radius=[2e-3, 2e-3, 1e-3])
+    assert line.startswith("spheres 0 and 1 overlap by 300 µm at the start, 15% of the smaller rad")
+    assert "pairs" not in line
+    assert said(1.0, 2 * 10**10) == [
+        "2e+10 steps are more than can be waited for: dt = 1 ns, the time that light takes"
+    ]
 
 
 def test_memory_is_that_of_the_fields():

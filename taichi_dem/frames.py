@@ -55,7 +55,7 @@ class Frames:
             return
         state = Snapshot.of(sim, self.substrate_points, self._cover)
         parts = {"spheres": spheres(state), "contacts": contacts(state)}
-        if getattr(sim.scene, "sleep", False):
+        if sim.scene.sleep:
             asleep = {"asleep": np.asarray(sim.asleep, dtype=np.int32)}
             _attach(parts["spheres"].GetPointData(), asleep)
         if state.has_substrate:

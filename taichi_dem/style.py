@@ -131,7 +131,6 @@ def pale_blues() -> Any:
 def depths(values: np.ndarray) -> tuple[Any, Any]:
     """Colours and their range for a depression (any shape), also where there is none: blue from
     zero down; where more than a thousandth is raised, green from zero up, as strong per metre."""
-    from matplotlib import colormaps
     from matplotlib.colors import ListedColormap, Normalize
 
     lowest, raised = top(values), top(-values) if np.any(values < 0) else 0.0
@@ -140,8 +139,18 @@ def depths(values: np.ndarray) -> tuple[Any, Any]:
     if not np.any(values > 0):
         lowest = 0.0
     share = np.linspace(-raised, lowest, 512) / max(raised, lowest)
-    blue, green = colormaps["Blues"](PALE * share), colormaps["Greens"](-PALE * share)
-    return ListedColormap(np.where(share[:, None] > 0, blue, green)), Normalize(-raised, lowest)
+    colors = np.where(share[:, None] > 0, _tint("Blues", share), _tint("Greens", -share))
+    return ListedColormap(colors), Normalize(-raised, lowest)
+
+
+def _tint(name: str, share: np.ndarray) -> np.ndarray:
+    """Colours of a map, as far as marks are seen on them, for shares from 0, where it is white."""
+    from matplotlib import colormaps
+
+    share = np.clip(share, 0.0, 1.0)
+    white = np.outer(1 - share, 1 - np.array(colormaps[name](0.0)))
+    colors: np.ndarray = np.clip(colormaps[name](PALE * share) + white, 0.0, 1.0)
+    return colors
 
 
 def color_bar(axes: Axes, mappable: Any, label: str, place: int = 0) -> None:

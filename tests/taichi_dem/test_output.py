@@ -263,7 +263,17 @@ def test_frames_hold_the_spheres(sim, tmp_path):
         np.testing.assert_array_equal(arrays[name], getattr(sim.particles, name))
     np.testing.assert_array_equal(arrays["coordination"], Snapshot.of(sim).coordination)
     np.testing.assert_array_equal(arrays["id"], np.arange(16))
+    assert "asleep" not in arrays
     assert arrays["TimeValue"] == [3 * sim.dt] and arrays["step"] == [3]
+
+
+def test_frames_say_who_sleeps_where_somebody_may(sim, tmp_path):
+    pytest.importorskip("vtkmodules")
+    sim.scene.sleep, sim.asleep = True, np.arange(16) % 3 == 0
+    run(sim, Frames(tmp_path, every=1e-3), writes=1)
+    asleep = read_vtk(tmp_path / "frames/spheres_000000.vtp")[1]["asleep"]
+    assert asleep.dtype == np.int32
+    np.testing.assert_array_equal(asleep, sim.asleep)
 
 
 def test_frames_hold_the_contacts_as_lines(sim, tmp_path):

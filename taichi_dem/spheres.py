@@ -53,14 +53,18 @@ class Spheres:
         position = as_numbers(self.position)
         if position is None or position.ndim != 2 or position.shape[1] != 3 or not len(position):
             what = "numbers of shape (n, 3), n >= 1, in m"
-            raise InputError([array_problem("position", self.position, what, 3)], "spheres")
-        problems = [
-            *self._store("position", (len(position), 3), _POSITION),
-            *self._store("radius", (len(position),), _RADIUS),
-            *self._store("velocity", (len(position), 3), _VELOCITY),
-            *self._store("omega", (len(position), 3), _OMEGA),
-            *self._store_materials(len(position)),
-        ]
+            problems = [array_problem("position", self.position, what, 3)]
+            n = _rows_meant(self.position)
+        else:
+            n = len(position)
+            problems = self._store("position", (n, 3), _POSITION)
+        if n:
+            problems += [
+                *self._store("radius", (n,), _RADIUS),
+                *self._store("velocity", (n, 3), _VELOCITY),
+                *self._store("omega", (n, 3), _OMEGA),
+                *self._store_materials(n),
+            ]
         if problems:
             raise InputError(problems, "spheres")
 
@@ -185,6 +189,12 @@ class Spheres:
     def to_npz(self, path: str | Path) -> None:
         """Write a file that :meth:`from_npz` reads back exactly."""
         sphere_files.write_npz(Path(path), self)
+
+
+def _rows_meant(position: Any) -> int:
+    """How many spheres a list has that is no array of their centres, 0 if it does not tell."""
+    rows = position if isinstance(position, (list, tuple)) else ()
+    return len(rows) if any(isinstance(row, (list, tuple)) for row in rows) else 0
 
 
 def _kinds_and_index(given: Any, n: int) -> tuple[tuple[Material, ...], np.ndarray]:

@@ -110,17 +110,22 @@ def test_spheres_name_the_first_offenders_and_count_the_rest():
         ([], ": "),
         ([1, 2, 3], ": "),
         (np.ones((2, 2)), ": "),
-        ([[1, 2]], "[0] = [1, 2]: must be 3 numbers; spheres.position "),
-        ([[1, 2, 3], [3]], "[1] = [3]: must be 3 numbers; spheres.position "),
-        ([1, [1, 2, 3]], "[0] = 1: must be 3 numbers; spheres.position "),
-        ([["a"] * 3], "[0] = ['a', 'a', 'a']: must be 3 numbers; spheres.position "),
+        ([[1, 2]], "[0] = [1, 2]: must be 3 numbers; position "),
+        ([[1, 2, 3], [3]], "[1] = [3]: must be 3 numbers; position "),
+        ([1, [1, 2, 3]], "[0] = 1: must be 3 numbers; position "),
+        ([["a"] * 3], "[0] = ['a', 'a', 'a']: must be 3 numbers; position "),
         ("text", ' = "text": '),
     ],
 )
 def test_positions_of_another_shape_are_refused(position, what):
     [line] = message(Spheres, position, 1, GLASS)
+    if what[0] == "[":
+        assert message(Spheres, position, -1, GLASS) == [
+            line,
+            "spheres.radius = -1: must be > 0 m (radius)",
+        ]
     rule = "must be numbers of shape (n, 3), n >= 1, in m"
-    assert line.startswith(f"spheres.position{what.replace('spheres.position', 'position')}{rule}")
+    assert line.startswith(f"spheres.position{what}{rule}")
 
 
 def test_what_is_no_number_is_shown_as_it_was_given():

@@ -251,7 +251,7 @@ def test_fast_and_wide_contacts_are_warned_of_once_and_counted():
         ({"dt": 0}, "dt = 0: must be > 0 s"),
         ({"dt": -1e-6}, "dt = -1e-06: must be > 0 s"),
         ({"dt": float("nan")}, "dt = nan: must be > 0 s"),
-        ({"dt": "fast"}, "dt = fast: must be a number"),
+        ({"dt": "fast"}, 'dt = "fast": must be a number'),
         ({"driver": "paralel"}, "did you mean 'parallel'?"),
         ({"max_overlap": 0}, "max_overlap = 0: must be > 0"),
         ({"max_overlap": 1.5}, "max_overlap = 1.5: must be > 0 and <= 1"),
@@ -280,7 +280,7 @@ def test_all_bad_arguments_are_named_at_once(anything):
         ({"steps": True}, "steps = True: must be a whole number"),
         ({"duration": -1.0}, "duration = -1.0: must be >= 0 s"),
         ({"duration": float("inf")}, "duration = inf: must be >= 0 s"),
-        ({"duration": "long"}, "duration = long: must be a number"),
+        ({"duration": "long"}, 'duration = "long": must be a number'),
     ],
 )
 def test_bad_arguments_of_run_are_refused_before_anything_moves(meeting, arguments, words):

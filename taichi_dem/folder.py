@@ -15,6 +15,7 @@ from taichi_dem.snapshot import FILE as STATE
 from taichi_dem.validation import InputError, Problem
 from taichi_dem.wording import quantity
 
+ATTEMPTS = 5  # of runs that begin together, and take away folders that others have just seen
 LAST_GOOD = "last_good.npz"
 PICTURES = ("overview.png", "bed.png", "depression.png", "energy.png", "piston.png")
 FILES = (SUMMARY, SCENE, "scene.spheres.npz", HISTORY, STATE, LAST_GOOD, INDEX, *PICTURES)
@@ -48,33 +49,37 @@ def unwritable(folder: Path) -> Problem | None:
     there = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
     if not there.is_dir():
         return _problem(folder, f"cannot be made: {there} is a file, not a folder")
+    for attempt in range(ATTEMPTS):
+        try:
+            _try(folder)
+            break
+        except OSError as error:
+            if attempt + 1 == ATTEMPTS or not isinstance(error, FileNotFoundError):
+                return _problem(folder, f"cannot be written: {error.strerror} ({there})")
+    return None
+
+
+def _try(folder: Path) -> None:
+    """Make the folder and write into it; then both are as they were."""
     made: list[Path] = []
     try:
         for path in reversed((folder, *folder.absolute().parents)):
             if not path.exists():
-                path.mkdir()
+                path.mkdir(exist_ok=True)
                 made.append(path)
         with tempfile.TemporaryFile(dir=folder):
             pass
-    except OSError as error:
-        return _problem(folder, f"cannot be written: {error.strerror} ({there})")
     finally:
         with suppress(OSError):  # somebody else has put something there
             for path in reversed(made):
                 path.rmdir()
-    return None
 
 
 def clear(folder: Path) -> None:
     """Remove what a run has left in ``folder``, and nothing else."""
-    frames = [file for files in read_index(folder).values() for file in files if _ours(file)]
+    frames = [file for files in read_index(folder).values() for file in files]
     for name in (*FILES, *frames):
         (folder / name).unlink(missing_ok=True)
-
-
-def _ours(frame: str) -> bool:
-    """Whether the index names a file where frames are, and not elsewhere."""
-    return Path(frame).parent == Path("frames")
 
 
 def draw(folder: Path) -> list[Path]:

@@ -89,11 +89,13 @@ class Frames:
 
 
 def read_index(folder: Path | str) -> dict[float, list[str]]:
-    """Files of each frame, relative to ``folder``, by time in s; empty if there is no index."""
+    """Files of each frame, relative to ``folder``, by time in s; empty if there is no index. What
+    the index names elsewhere than among the frames is left out."""
     index: dict[float, list[str]] = {}
     if (path := Path(folder) / INDEX).exists():
         for entry in ElementTree.parse(path).iter("DataSet"):
-            index.setdefault(float(entry.get("timestep", "nan")), []).append(entry.get("file", ""))
+            if Path(file := entry.get("file", "")).parent == Path("frames"):
+                index.setdefault(float(entry.get("timestep", "nan")), []).append(file)
     return index
 
 

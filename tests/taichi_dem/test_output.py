@@ -23,6 +23,7 @@ from taichi_dem.output import (
 )
 from taichi_dem.snapshot import Snapshot
 from taichi_dem.validation import InputError
+from taichi_dem.writing import write_text
 
 
 @pytest.fixture
@@ -227,6 +228,17 @@ def test_a_failed_write_leaves_the_old_state(sim, tmp_path, monkeypatch):
         state.write(sim)
     assert Snapshot.load(tmp_path).step == 0
     assert [path.name for path in tmp_path.iterdir()] == ["state.npz"]
+
+
+def test_what_is_no_plain_file_is_written_and_not_replaced(tmp_path):
+    os.mkfifo(pipe := tmp_path / "pipe")
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_text(pipe, "said")
+    assert os.read(reader, 10) == b"said" and pipe.is_fifo()
+    os.close(reader)
+    with pytest.raises(IsADirectoryError):
+        write_text(tmp_path, "said")
+    assert list(tmp_path.iterdir()) == [pipe]
 
 
 # Frames

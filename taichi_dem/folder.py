@@ -55,7 +55,9 @@ def unwritable(folder: Path) -> Problem | None:
             break
         except OSError as error:
             if attempt + 1 == ATTEMPTS or not isinstance(error, FileNotFoundError):
-                return _problem(folder, f"cannot be written: {error.strerror} ({there})")
+                return _problem(
+                    folder, f"cannot be written: {there} takes nothing ({error.strerror})"
+                )
     return None
 
 

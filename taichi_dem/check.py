@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_dem.doubts import doubts
+from taichi_dem.oddities import oddities
 from taichi_dem.output import Progress
 from taichi_dem.run import FRAMES, ROWS, length, outputs, plain_warnings, read
 from taichi_dem.scene import Scene
@@ -56,7 +56,7 @@ def check(
         steps, simulated = length(plan, sim.dt)
         _say("time step", f"{quantity(sim.dt, 's')}: {sim.dt_reason}")
         _say("length", f"{quantity(simulated, 's')}, {count(steps, 'step')}")
-        for doubt in doubts(scene, steps, sim.dt, sim.dt_reason):
+        for doubt in oddities(scene, steps, sim.dt, sim.dt_reason):
             warnings.warn(doubt, RuntimeWarning, stacklevel=1)
         _say("output", _output(plan, simulated, sim.dt))
         parts = memory(sim._engine)

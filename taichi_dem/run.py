@@ -16,7 +16,7 @@ import numpy as np
 
 from taichi_dem import folder as folders
 from taichi_dem import scene_file
-from taichi_dem.doubts import doubts
+from taichi_dem.oddities import oddities
 from taichi_dem.output import Frames, History, Output, Progress, State, Summary, amend
 from taichi_dem.scene import Scene
 from taichi_dem.scene_file import Run
@@ -59,7 +59,7 @@ def run(
         sim = Simulation(scene, plan.dt, energy_balance=plan.energy_balance)
         steps, simulated = length(plan, sim.dt)
         print(f"{count(steps, 'step')} of {quantity(sim.dt, 's')}, {sim.dt_reason}", flush=True)
-        for doubt in doubts(scene, steps, sim.dt, sim.dt_reason):
+        for doubt in oddities(scene, steps, sim.dt, sim.dt_reason):
             warnings.warn(doubt, RuntimeWarning, stacklevel=1)
         folders.clear(folder)
         written = outputs(plan, simulated, folder, notes)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import taichi_dem as dem
-from taichi_dem import cli, doubts, wording
+from taichi_dem import cli, oddities, wording
 from taichi_dem import folder as folders
 from taichi_dem.frames import read_index
 from taichi_dem.output import read_history
@@ -418,7 +418,7 @@ def test_a_scene_that_hardly_was_meant_is_doubted():
         scene = dem.Scene(
             spheres=dem.Spheres(row, radius, glass), law=dem.Law(dem.Hertz(restitution=0.5))
         )
-        return list(doubts.doubts(scene, steps, 1e-9, "the time that light takes"))
+        return list(oddities.oddities(scene, steps, 1e-9, "the time that light takes"))
 
     assert said(3e-3) == [
         "spheres 0 and 1 overlap by 1 mm at the start, 50% of the smaller radius (2 pairs by more "

@@ -21,7 +21,7 @@ LAYERS = {
     "pace engine memory",
     "simulation": "schedule simulation moments neglect",
     "outputs": "style wording snapshot frames progress output bed dents plot",
-    "tools": "streams folder run doubts cost check settings record accuracy orders closed_form "
+    "tools": "streams folder run oddities cost check settings record accuracy orders closed_form "
     "worker workers study_point study_report study_bench studies pilot choice cli __main__",
 }
 MAY_IMPORT = {

@@ -13,7 +13,7 @@ DEEP = 0.1  # of the smaller radius: an overlap that a scene hardly begins with
 MANY = 1e9  # steps
 
 
-def doubts(scene: Scene, steps: int, dt: float, reason: str) -> Iterator[str]:
+def oddities(scene: Scene, steps: int, dt: float, reason: str) -> Iterator[str]:
     """What is odd about ``scene``, and about a run of it with that many steps of ``dt`` (s), which
     has that ``reason``."""
     spheres = scene.spheres

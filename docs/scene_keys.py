@@ -42,7 +42,7 @@ SPHERES = {
     "velocity": "[x, y, z], m/s, or one for each sphere; at rest if left out",
     "omega": "[x, y, z], rad/s, or one for each sphere; none if left out",
     "generate": "a random packing, see below",
-    "file": "a .csv or .npz file, sought from the scene's folder",
+    "file": "a .csv or .npz file, or the `state.npz` of a run, sought from the scene's folder",
     "lammps_data": "a data file of LAMMPS or LIGGGHTS, atom_style sphere",
     "materials": "of `lammps_data`: the name of one material, or a table of names by atom type",
 }

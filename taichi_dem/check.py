@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import tempfile
 import time
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from taichi_dem.oddities import oddities
 from taichi_dem.output import Progress
 from taichi_dem.run import FRAMES, ROWS, length, outputs, plain_warnings, read
 from taichi_dem.run_plan import Run
@@ -54,6 +56,8 @@ def check(
         steps, simulated = length(plan, sim.dt)
         _say("time step", f"{quantity(sim.dt, 's')}: {sim.dt_reason}")
         _say("length", f"{quantity(simulated, 's')}, {count(steps, 'step')}")
+        for doubt in oddities(scene, steps, sim.dt, sim.dt_reason):
+            warnings.warn(doubt, RuntimeWarning, stacklevel=1)
         _say("output", _output(plan, simulated, sim.dt))
         parts = memory(sim._engine)
         listed = ", ".join(f"{name} {in_bytes(size)}" for name, size in parts.items())

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 import zipfile
+from contextlib import suppress
 from pathlib import Path
 
 from taichi_dem.frames import INDEX, read_index
@@ -13,6 +15,7 @@ from taichi_dem.snapshot import FILE as STATE
 from taichi_dem.validation import InputError, Problem
 from taichi_dem.wording import quantity
 
+ATTEMPTS = 5  # of runs that begin together, and take away folders that others have just seen
 LAST_GOOD = "last_good.npz"
 PICTURES = ("overview.png", "bed.png", "depression.png", "energy.png", "piston.png")
 FILES = (SUMMARY, SCENE, "scene.spheres.npz", HISTORY, STATE, LAST_GOOD, INDEX, *PICTURES)
@@ -26,20 +29,52 @@ def holds_run(folder: Path) -> bool:
 def check_free(folder: Path, overwrite: bool) -> None:
     """Raise ``InputError`` unless a run may write into ``folder``: it is new, or empty, or holds
     a run that is to be overwritten."""
+    if folder.exists() and folder.is_dir() and any(folder.iterdir()):
+        if not holds_run(folder):
+            raise _refused(folder, "holds other files; must be new, empty, or the folder of a run")
+        if not overwrite:
+            other = "choose another folder, or replace it with --overwrite"
+            raise _refused(folder, f"holds {_describe(folder)}; {other}")
+    if problem := unwritable(folder):
+        raise InputError([problem])
+
+
+def unwritable(folder: Path) -> Problem | None:
+    """Why nothing can be written into ``folder``, or ``None``. It is made and removed again, or a
+    file in it: permissions do not tell for everybody and everywhere."""
+    if folder.is_symlink() and not folder.exists():
+        return _problem(folder, f"is a link to {os.readlink(folder)}, which is not there")
     if folder.exists() and not folder.is_dir():
-        raise _refused(folder, "is a file; must be a folder")
+        return _problem(folder, "is a file; must be a folder")
     there = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
     if not there.is_dir():
-        raise _refused(folder, f"cannot be made: {there} is a file, not a folder")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise _refused(folder, f"cannot be written: no permission to write in {there}")
-    if not folder.exists() or not any(folder.iterdir()) or (holds_run(folder) and overwrite):
-        return
-    if not holds_run(folder):
-        raise _refused(folder, "holds other files; must be new, empty, or the folder of a run")
-    raise _refused(
-        folder, f"holds {_describe(folder)}; choose another folder, or replace it with --overwrite"
-    )
+        return _problem(folder, f"cannot be made: {there} is a file, not a folder")
+    for attempt in range(ATTEMPTS):
+        try:
+            _try(folder)
+            break
+        except OSError as error:
+            if attempt + 1 == ATTEMPTS or not isinstance(error, FileNotFoundError):
+                return _problem(
+                    folder, f"cannot be written: {there} takes nothing ({error.strerror})"
+                )
+    return None
+
+
+def _try(folder: Path) -> None:
+    """Make the folder and write into it; then both are as they were."""
+    made: list[Path] = []
+    try:
+        for path in reversed((folder, *folder.absolute().parents)):
+            if not path.exists():
+                path.mkdir(exist_ok=True)
+                made.append(path)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    finally:
+        with suppress(OSError):  # somebody else has put something there
+            for path in reversed(made):
+                path.rmdir()
 
 
 def clear(folder: Path) -> None:
@@ -79,5 +114,9 @@ def _describe(folder: Path) -> str:
     return f"a run of {reached} ({outcome})"
 
 
+def _problem(folder: Path, rule: str) -> Problem:
+    return Problem("output", str(folder), rule)
+
+
 def _refused(folder: Path, rule: str) -> InputError:
-    return InputError([Problem("output", str(folder), rule)])
+    return InputError([_problem(folder, rule)])

@@ -22,10 +22,11 @@ class Frames:
     """VTK files in ``folder/frames``, opened together through ``folder/frames.pvd``.
 
     The spheres are points with radius (m), velocity (m/s), omega (rad/s), force (N), coordination,
-    material, id; the contacts are lines with force (N, magnitude), normal_force (N), overlap (m),
-    kind (0 between spheres, 1 boundary, 2 substrate), i, j; the substrate is a surface with
-    depression (m). ``substrate_points``: points along the longer side of its grid, which follows
-    the dents and never shrinks during a run. The last state is also kept in ``state.npz``.
+    material, id and, in a scene with ``sleep``, asleep (0, 1); the contacts are lines with force
+    (N, magnitude), normal_force (N), overlap (m), kind (0 between spheres, 1 boundary,
+    2 substrate), i, j; the substrate is a surface with depression (m). ``substrate_points``: points
+    along the longer side of its grid, which follows the dents and never shrinks during a run. The
+    last state is also kept in ``state.npz``.
     """
 
     def __init__(self, folder: Path | str, every: float, substrate_points: int = 129):
@@ -54,6 +55,9 @@ class Frames:
             return
         state = Snapshot.of(sim, self.substrate_points, self._cover)
         parts = {"spheres": spheres(state), "contacts": contacts(state)}
+        if sim.scene.sleep:
+            asleep = {"asleep": np.asarray(sim.asleep, dtype=np.int32)}
+            _attach(parts["spheres"].GetPointData(), asleep)
         if state.has_substrate:
             self._cover = np.array([[g[0], g[-1]] for g in (state.grid_x, state.grid_y)]).T
             parts["substrate"] = surface(state)
@@ -85,11 +89,13 @@ class Frames:
 
 
 def read_index(folder: Path | str) -> dict[float, list[str]]:
-    """Files of each frame, relative to ``folder``, by time in s; empty if there is no index."""
+    """Files of each frame, relative to ``folder``, by time in s; empty if there is no index. What
+    the index names elsewhere than among the frames is left out."""
     index: dict[float, list[str]] = {}
     if (path := Path(folder) / INDEX).exists():
         for entry in ElementTree.parse(path).iter("DataSet"):
-            index.setdefault(float(entry.get("timestep", "nan")), []).append(entry.get("file", ""))
+            if Path(file := entry.get("file", "")).parent == Path("frames"):
+                index.setdefault(float(entry.get("timestep", "nan")), []).append(file)
     return index
 
 

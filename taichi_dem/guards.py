@@ -109,8 +109,9 @@ def too_deep(records: np.ndarray, radius: np.ndarray, limit: float) -> Reason:
     return (
         f"sphere {i[k]} overlaps {other} by {records['overlap'][k]:.3g} m at "
         f"{_point(records['position'][k])} m, {share[k]:.2g} of the smaller radius (limit "
-        f"{limit:g}): the model of small strains fails. Try a smaller time step, stiffer material, "
-        "lower speed or load; in Python, dem.Simulation(max_overlap=...) sets the limit"
+        f"{limit:g}): the model of small strains fails. Try a lower load or speed, stiffer "
+        "material or, where that does not help, a smaller time step; in Python, "
+        "dem.Simulation(max_overlap=...) sets the limit"
     ), int(i[k])
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from taichi_dem import asked_error, scene_file
 from taichi_dem import folder as folders
+from taichi_dem.oddities import oddities
 from taichi_dem.output import Frames, History, Output, Progress, State, Summary, amend
 from taichi_dem.run_plan import Run
 from taichi_dem.scene import Scene
@@ -66,6 +67,8 @@ def run(
         sim = Simulation(scene, plan.dt, energy_balance=plan.energy_balance)
         steps, simulated = length(plan, sim.dt)
         print(f"{count(steps, 'step')} of {quantity(sim.dt, 's')}, {sim.dt_reason}", flush=True)
+        for doubt in oddities(scene, steps, sim.dt, sim.dt_reason):
+            warnings.warn(doubt, RuntimeWarning, stacklevel=1)
         folders.clear(folder)
         written = outputs(plan, simulated, folder, notes)
         seen = None

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from taichi_dem.material import Material
+from taichi_dem.reading import unreadable
 from taichi_dem.run_plan import Run
 from taichi_dem.scene import Scene
 from taichi_dem.shapes import BOUNDARIES
@@ -59,7 +60,7 @@ def read(path: str | Path, overrides: Iterable[str] = (), laws: Any = None) -> t
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError([Problem(str(path), None, f"cannot be read: {error}")]) from None
+        raise InputError([Problem(str(path), None, unreadable(error))]) from None
     if laws is None:
         from taichi_dem.contacts import law as laws
     return _Reader(path.parent, laws).read(document, overrides)
@@ -97,16 +98,23 @@ class _Reader(Tables):
             parts["substrate"] = self.build(Substrate, document["substrate"], "substrate")
         parts["law"] = self.law(document.get("law"))
         run = self.build(Run, document.get("run", {}), "run")
+        before = len(self.problems)
+        scene = self.attempt("", Scene, **parts)
+        if before:  # of what could not be made the scene need not complain again
+            absent = {key for key in ("spheres", "law") if parts[key] is None} | {"law.pairs"}
+            absent |= {f"boundaries[{k}]" for k, w in enumerate(parts["boundaries"]) if w is None}
+            found = [problem for problem in self.problems[before:] if problem.path not in absent]
+            self.problems[before:] = found
         if self.problems:
             raise InputError(self.problems)
-        return Scene(**parts), run
+        return scene, run
 
     def override(self, document: dict[str, Any], text: str) -> None:
         path, equals, value = (part.strip() for part in text.partition("="))
         parsed: Any = value  # a plain word need not be quoted
         with suppress(tomllib.TOMLDecodeError):
             parsed = tomllib.loads(f"value = {value}")["value"]
-        if not equals:
+        if not equals or not all(path.split(".")):
             rule = "must be KEY=VALUE, like law.normal.restitution=0.5"
             self.note("--set", text, rule)
         elif problem := override(document, path, parsed):

@@ -48,8 +48,8 @@ class Simulation:
     three; the results are the same bits. max_overlap: share of the smaller radius beyond which an
     overlap stops the run. energy_balance: whether to sum up what is lost, so that :meth:`energy`
     can tell whether all is accounted for; it takes about a fifth of the time. skin: m, how far
-    beyond touching contacts are listed; None tunes it, and no result depends on it. Raises
-    ``InputError``.
+    beyond touching contacts are listed; None tunes it; no state depends on it, and energies only by
+    the order in which they are summed up. Raises ``InputError``.
     """
 
     def __init__(

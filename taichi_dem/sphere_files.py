@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichi_dem.material import Material
+from taichi_dem.reading import unreadable
 from taichi_dem.validation import InputError, Problem, unknown
 from taichi_dem.writing import replacing
 
@@ -27,6 +28,7 @@ CSV_VECTORS = {
 }
 CSV_COLUMNS = (*(c for columns in CSV_VECTORS.values() for c in columns), "radius", "material")
 NPZ_ARRAYS = ("position", "radius", "velocity", "omega", "material")
+STATE_NAMES = "material_names"  # which only the state of a run has
 NPZ_RULE = (
     "must be an .npz archive, as numpy.savez makes it, of the arrays position (n, 3) and "
     "radius (n,) and, if you like, velocity (n, 3), omega (n, 3) and material (n,), names"
@@ -110,16 +112,26 @@ def read_npz(path: Path, material: Material | Sequence[Material] | None) -> Colu
     except (ValueError, zipfile.BadZipFile, AttributeError):
         raise _refused(path, None, NPZ_RULE, "file") from None
     except OSError as error:
-        raise _refused(path, None, f"cannot be read: {error}", "file") from None
+        raise _refused(path, None, unreadable(error), "file") from None
+    if STATE_NAMES in found:
+        found = _of_state(found)
     for name in found:
         if name not in NPZ_ARRAYS:
-            raise InputError([unknown("file", path, name, NPZ_ARRAYS, f"array '{name}'")])
+            raise InputError([unknown("file", str(path), name, NPZ_ARRAYS, f"array '{name}'")])
     for name in ("position", "radius"):
         if name not in found:
             raise _refused(path, None, f"array '{name}' is missing; {NPZ_RULE}", "file")
     names = found["material"].tolist() if "material" in found else None
     found["material"] = _by_name(path, material, names)
     return found
+
+
+def _of_state(found: Columns) -> Columns:
+    """The spheres of the state that a run has left (:mod:`taichi_dem.snapshot`)."""
+    arrays = {name: found[name] for name in NPZ_ARRAYS if name in found}
+    if "material" in arrays:
+        arrays["material"] = found[STATE_NAMES][arrays["material"]]
+    return arrays
 
 
 def write_npz(path: Path, spheres: Spheres) -> None:
@@ -138,7 +150,7 @@ def _lines(path: Path, key: str) -> list[str]:
     try:
         return path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise _refused(path, None, f"cannot be read: {error}", key) from None
+        raise _refused(path, None, unreadable(error), key) from None
 
 
 def _sections(path: Path, lines: Sequence[str]) -> dict[str, list[tuple[int, list[str]]]]:
@@ -223,11 +235,12 @@ def _by_type(
 def _by_name(
     path: Path, material: Material | Sequence[Material] | None, names: list[str] | None
 ) -> Any:
-    """What Spheres takes as material: the one given, or those that the names stand for."""
+    """What Spheres takes as material: the one given, or those that the names stand for, or what is
+    wrong with them."""
     if names is None:
         if isinstance(material, Material):
             return material
-        raise _refused(path, None, "names no materials: give one for all spheres", "material")
+        return Problem("material", str(path), "names no materials: give one for all spheres")
     given = (material,) if isinstance(material, Material) else tuple(material or ())
     number = {one.name: k for k, one in enumerate(given)}
     for row, name in enumerate(names):
@@ -236,5 +249,5 @@ def _by_name(
             if isinstance(material, Material):
                 rule = f"{problem.rule}; leave spheres.material out where the file names materials"
                 problem = problem._replace(rule=rule)
-            raise InputError([problem])
+            return problem
     return given, np.array([number[name] for name in names])

@@ -15,7 +15,15 @@ from taichi_dem import packing, sphere_files
 from taichi_dem.material import Material, distinct
 from taichi_dem.overlaps import Pairs, overlapping
 from taichi_dem.periodic import Period
-from taichi_dem.validation import InputError, Problem, Range, as_numbers, first_few
+from taichi_dem.validation import (
+    InputError,
+    Problem,
+    Range,
+    array_problem,
+    as_numbers,
+    first_few,
+    shape_of,
+)
 
 _POSITION = Range("m", "centre")
 _RADIUS = Range("m", "radius", above=0.0)
@@ -44,15 +52,19 @@ class Spheres:
     def __post_init__(self) -> None:
         position = as_numbers(self.position)
         if position is None or position.ndim != 2 or position.shape[1] != 3 or not len(position):
-            rule = f"must be numbers of shape (n, 3), n >= 1, in m{_shape_of(self.position)}"
-            raise InputError([Problem("position", None, rule)], "spheres")
-        problems = [
-            *self._store("position", (len(position), 3), _POSITION),
-            *self._store("radius", (len(position),), _RADIUS),
-            *self._store("velocity", (len(position), 3), _VELOCITY),
-            *self._store("omega", (len(position), 3), _OMEGA),
-            *self._store_materials(len(position)),
-        ]
+            what = "numbers of shape (n, 3), n >= 1, in m"
+            problems = [array_problem("position", self.position, what, 3)]
+            n = _rows_meant(self.position)
+        else:
+            n = len(position)
+            problems = self._store("position", (n, 3), _POSITION)
+        if n:
+            problems += [
+                *self._store("radius", (n,), _RADIUS),
+                *self._store("velocity", (n, 3), _VELOCITY),
+                *self._store("omega", (n, 3), _OMEGA),
+                *self._store_materials(n),
+            ]
         if problems:
             raise InputError(problems, "spheres")
 
@@ -61,8 +73,8 @@ class Spheres:
         given = getattr(self, name)
         values = as_numbers((0.0, 0.0, 0.0) if given is None else given)
         if values is None or values.shape not in (shape, shape[1:]):
-            rule = f"must be numbers of shape {shape}, in {allowed.unit}{_shape_of(given)}"
-            return [Problem(name, None, rule)]
+            what = f"numbers of shape {shape}, in {allowed.unit}"
+            return [array_problem(name, given, what, *shape[1:])]
         wrong: np.ndarray = np.logical_not(allowed.holds(values))
         if values.ndim < len(shape) and wrong.any():
             return [Problem(name, given, allowed.rule())]
@@ -72,6 +84,8 @@ class Spheres:
 
     def _store_materials(self, n: int) -> list[Problem]:
         given = self.material
+        if isinstance(given, Problem):  # of a file that names them
+            return [given]
         try:
             kinds, index = _kinds_and_index(given, n)
         except (TypeError, ValueError) as error:
@@ -165,7 +179,8 @@ class Spheres:
     def from_npz(
         cls, path: str | Path, material: Material | Sequence[Material] | None = None
     ) -> Spheres:
-        """Read arrays named position, radius [, velocity] [, omega] [, material (names)].
+        """Read arrays named position, radius [, velocity] [, omega] [, material (names)], or the
+        spheres of the ``state.npz`` that a run has left.
 
         ``material`` as in :meth:`from_csv`.
         """
@@ -174,6 +189,12 @@ class Spheres:
     def to_npz(self, path: str | Path) -> None:
         """Write a file that :meth:`from_npz` reads back exactly."""
         sphere_files.write_npz(Path(path), self)
+
+
+def _rows_meant(position: Any) -> int:
+    """How many spheres a list has that is no array of their centres, 0 if it does not tell."""
+    rows = position if isinstance(position, (list, tuple)) else ()
+    return len(rows) if any(isinstance(row, (list, tuple)) for row in rows) else 0
 
 
 def _kinds_and_index(given: Any, n: int) -> tuple[tuple[Material, ...], np.ndarray]:
@@ -186,7 +207,7 @@ def _kinds_and_index(given: Any, n: int) -> tuple[tuple[Material, ...], np.ndarr
     if len(given) == 2 and not isinstance(given[0], Material):
         listed, index = tuple(given[0]), np.asarray(given[1])
         if index.dtype.kind not in "iu" or index.shape != (n,):
-            raise TypeError(f"index must be integers of shape {(n,)}{_shape_of(index)}")
+            raise TypeError(f"index must be integers of shape {(n,)}{shape_of(index)}")
         if index.min() < 0 or index.max() >= len(listed):
             raise ValueError(f"index must be from 0 to {len(listed) - 1}")
     else:
@@ -198,8 +219,3 @@ def _kinds_and_index(given: Any, n: int) -> tuple[tuple[Material, ...], np.ndarr
     kinds = distinct(listed)
     number = {kind: k for k, kind in enumerate(kinds)}
     return kinds, np.array([number[one] for one in listed])[index]
-
-
-def _shape_of(value: Any) -> str:
-    shape = getattr(as_numbers(value), "shape", None)
-    return "" if shape is None else f"; got shape {shape}"

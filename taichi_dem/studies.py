@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from taichi_dem import accuracy, scene_file
+from taichi_dem.folder import unwritable
 from taichi_dem.record import SAMPLES
 from taichi_dem.scene import Scene
 from taichi_dem.settings import KNOBS
@@ -83,5 +84,7 @@ def _check(
             problems.append(Problem(name, value, f"must be a whole number >= {least}"))
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         problems.append(Problem("output", str(folder), "must be a new or an empty folder"))
+    else:
+        problems.append(unwritable(folder))
     if found := [problem for problem in problems if problem]:
         raise InputError(found)

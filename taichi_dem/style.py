@@ -27,6 +27,7 @@ _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"
 STEPS = [1, 2, 5, 10]  # between ticks
 _DOTS_PER_INCH = 200
 RAISED = 1e-3  # of the deepest, from which ground that has risen is shown
+PALE = 0.72  # of a colour map, up to where dark red marks are seen on it
 _FEW = 40  # points of a line that are marked
 
 
@@ -124,26 +125,36 @@ def pale_blues() -> Any:
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
 
-    return ListedColormap(colormaps["Blues"](np.linspace(0.0, 0.72, 256)))
+    return ListedColormap(colormaps["Blues"](np.linspace(0.0, PALE, 256)))
 
 
 def depths(values: np.ndarray) -> tuple[Any, Any]:
     """Colours and their range for a depression (any shape), also where there is none: blue from
-    zero down; green from zero up, to its own scale, where more than a thousandth is raised."""
-    from matplotlib import colormaps
-    from matplotlib.colors import ListedColormap, Normalize, TwoSlopeNorm
+    zero down; where more than a thousandth is raised, green from zero up, as strong per metre."""
+    from matplotlib.colors import ListedColormap, Normalize
 
     lowest, raised = top(values), top(-values) if np.any(values < 0) else 0.0
     if raised <= RAISED * lowest:
         return pale_blues(), Normalize(0.0, lowest)
-    down = pale_blues()(np.linspace(0.0, 1.0, 256))
-    up = colormaps["Greens"](np.linspace(0.55, 0.0, 256))
-    return ListedColormap(np.concatenate([up, down])), TwoSlopeNorm(0.0, -raised, lowest)
+    if not np.any(values > 0):
+        lowest = 0.0
+    share = np.linspace(-raised, lowest, 512) / max(raised, lowest)
+    colors = np.where(share[:, None] > 0, _tint("Blues", share), _tint("Greens", -share))
+    return ListedColormap(colors), Normalize(-raised, lowest)
+
+
+def _tint(name: str, share: np.ndarray) -> np.ndarray:
+    """Colours of a map, as far as marks are seen on them, for shares from 0, where it is white."""
+    from matplotlib import colormaps
+
+    share = np.clip(share, 0.0, 1.0)
+    white = np.outer(1 - share, 1 - np.array(colormaps[name](0.0)))
+    colors: np.ndarray = np.clip(colormaps[name](PALE * share) + white, 0.0, 1.0)
+    return colors
 
 
 def color_bar(axes: Axes, mappable: Any, label: str, place: int = 0) -> None:
     """A colour bar as high as the axes, at their right; ``place`` counts the bars before it."""
-    from matplotlib.colors import TwoSlopeNorm
     from matplotlib.ticker import MaxNLocator
 
     drawing = cast("Figure", axes.figure)
@@ -155,13 +166,7 @@ def color_bar(axes: Axes, mappable: Any, label: str, place: int = 0) -> None:
     )
     ticks = int(np.clip(box.height * height / 0.4, 2, 8))
     bar.locator = MaxNLocator(ticks, steps=STEPS)
-    if isinstance(norm := mappable.norm, TwoSlopeNorm):  # two scales, each with its ticks
-        each = MaxNLocator(max(ticks // 2, 1), steps=STEPS)
-        low, high = float(cast(float, norm.vmin)), float(cast(float, norm.vmax))
-        marks = np.union1d(each.tick_values(low, 0.0), each.tick_values(0.0, high))
-        bar.set_ticks(marks[(marks >= low) & (marks <= high)].tolist())
-    else:
-        bar.update_ticks()
+    bar.update_ticks()
     dress(bar.ax)
 
 

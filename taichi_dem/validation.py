@@ -91,8 +91,13 @@ def parameter(
 def number_problem(path: str, value: Any, allowed: Range) -> Problem | None:
     """What is wrong with one number, or ``None``."""
     if isinstance(value, bool) or not isinstance(value, Real):
-        return Problem(path, value, f"must be a number; {allowed.rule()}")
+        return Problem(path, quoted(value), f"must be a number; {allowed.rule()}")
     return None if allowed.holds(float(value)) else Problem(path, value, allowed.rule())
+
+
+def quoted(value: Any) -> Any:
+    """Text in quotes, for messages where it stands in place of numbers; else the value."""
+    return f'"{value}"' if isinstance(value, str) else value
 
 
 def problems_of(instance: Any) -> list[Problem]:
@@ -121,6 +126,8 @@ def validate(instance: Any, *more: Problem | None, name: str | None = None) -> N
 def as_numbers(value: Any) -> np.ndarray | None:
     """A new array of doubles, or ``None`` where ``value`` is not a regular array of numbers; true
     and false, which NumPy would take for 1 and 0 among numbers, are none."""
+    if isinstance(value, bool):
+        return None
     if isinstance(value, (list, tuple)) and any(isinstance(entry, bool) for entry in value):
         return None
     try:
@@ -138,12 +145,34 @@ def set_vectors(instance: Any, *names: str, infinite: bool = False) -> list[Prob
         value = getattr(instance, name)
         vector = as_numbers(value)
         if vector is None or vector.shape != (3,) or not (infinite or np.isfinite(vector).all()):
-            found.append(Problem(name, value, rule))
+            found.append(Problem(name, quoted(value), rule))
         elif np.isnan(vector).any():
             found.append(Problem(name, value, rule + ", not nan"))
         else:
             object.__setattr__(instance, name, tuple(vector.tolist()))
     return found
+
+
+def shape_of(value: Any) -> str:
+    """The end of a message: the shape of an array, nothing for what is none."""
+    shape = getattr(as_numbers(value), "shape", None)
+    return "" if shape is None else f"; got shape {shape}"
+
+
+def array_problem(path: str, value: Any, what: str, *row: int) -> Problem:
+    """Why ``value`` is not ``what``, an array of rows of the shape ``row``: the first entry that is
+    no number, or no such row, else its own shape."""
+    rule = f"must be {what}"
+    if isinstance(value, str):
+        return Problem(path, quoted(value), rule)
+    entries = value if isinstance(value, (list, tuple)) else ()
+    nested = any(isinstance(entry, (list, tuple)) for entry in entries)
+    wanted = row if nested else ()
+    for k, entry in enumerate(entries):
+        if getattr(as_numbers(entry), "shape", None) != wanted:
+            size = f"{wanted[0]} numbers" if wanted else "a number"
+            return Problem(f"{path}[{k}]", quoted(entry), f"must be {size}; {path} {rule}")
+    return Problem(path, None, rule + shape_of(value))
 
 
 def first_few(

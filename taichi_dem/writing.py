@@ -56,9 +56,13 @@ def replacing(path: Path | str) -> Iterator[Path]:
     """A temporary name beside ``path``, which takes its place if the block succeeds.
 
     Whoever reads ``path`` sees the old file or the new one, never part of one. The suffix is kept,
-    for libraries that choose the format by it.
+    for libraries that choose the format by it. What is no plain file, such as /dev/stdout, is
+    written itself.
     """
     path = Path(path)
+    if path.exists() and not path.is_file():
+        yield path
+        return
     temporary = path.with_name(f".partial-{path.name}")
     try:
         yield temporary

@@ -72,6 +72,7 @@ class FakeSimulation:
             substrate=SimpleNamespace() if substrate else None,
             gravity=(0.0, 0.0, -9.81),
             period=None,
+            sleep=False,
             spheres=SimpleNamespace(count=n),
             to_toml=lambda path, run=None: path.write_text("gravity = [0.0, 0.0, -9.81]\n"),
         )

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import taichi_dem as dem
-from taichi_dem import cli, wording
+from taichi_dem import cli, oddities, wording
+from taichi_dem import folder as folders
 from taichi_dem.frames import read_index
 from taichi_dem.output import read_history
 from taichi_dem.snapshot import Snapshot
@@ -160,8 +161,11 @@ def test_a_run_is_replaced_only_when_asked(finished, tmp_path, capsys):
 
     (folder / "notes.txt").write_text("mine")
     (folder / "last_good.npz").write_text("of the run before")
-    again = ["run", str(scene), "-o", str(folder), "--duration", "2e-4", "--overwrite"]
+    nearer = ["--set", "spheres.position[1]=[1.8e-3, 0, 1e-3]"]
+    again = ["run", str(scene), "-o", str(folder), "--duration", "2e-4", "--overwrite", *nearer]
     assert cli.main(again) == cli.DONE
+    said = capsys.readouterr()
+    assert "warning: spheres 0 and 1 overlap by 200 µm at the start, 20% of the" in said.err
     assert read_history(folder)["time_s"][-1] == pytest.approx(2e-4, rel=0.1)
     assert (folder / "notes.txt").read_text() == "mine"
     assert not (folder / "last_good.npz").exists()
@@ -169,17 +173,50 @@ def test_a_run_is_replaced_only_when_asked(finished, tmp_path, capsys):
     assert {str(p.relative_to(folder)) for p in (folder / "frames").glob("*")} == frames
 
 
-@pytest.mark.parametrize("kind", ["folder of something else", "file"])
-def test_nothing_is_written_among_other_files(kind, scene, tmp_path, capsys):
+@pytest.mark.parametrize(
+    "kind", ["folder of something else", "file", "link to a file", "link to nothing"]
+)
+@pytest.mark.parametrize("overwrite", [(), ("--overwrite",)])
+def test_nothing_is_written_among_other_files(kind, overwrite, scene, tmp_path, capsys):
     target = tmp_path / "taken"
     if kind == "file":
         target.write_text("mine")
+    elif kind.startswith("link"):
+        target.symlink_to(scene if kind == "link to a file" else tmp_path / "nowhere")
     else:
         target.mkdir()
         (target / "thesis.txt").write_text("mine")
-    assert cli.main(["run", str(scene), "-o", str(target), "--overwrite"]) == cli.WRONG_INPUT
-    assert f"output = {target}" in capsys.readouterr().err
-    assert [p.name for p in tmp_path.rglob("*") if p.is_file()].count("summary.json") == 0
+    before = {path: path.lstat().st_mtime_ns for path in tmp_path.rglob("*")}
+    for command in (["run", *overwrite], ["study", "--duration", "1"]):
+        assert cli.main([*command, str(scene), "-o", str(target)]) == cli.WRONG_INPUT
+        said = capsys.readouterr()
+        assert f"output = {target}" in said.err and "compiling" not in said.out
+        assert before == {path: path.lstat().st_mtime_ns for path in tmp_path.rglob("*")}
+
+
+def test_a_folder_that_nobody_can_make_is_refused_first(scene, tmp_path, capsys):
+    if not Path("/proc/self").exists():
+        pytest.skip("needs a file system on which nothing can be made, /proc")
+    assert cli.main(["run", str(scene), "-o", "/proc/foo/deeper"]) == cli.WRONG_INPUT
+    said = capsys.readouterr()
+    assert "output = /proc/foo/deeper: cannot be written: " in said.err
+    assert "compiling" not in said.out
+
+
+def test_looking_whether_a_folder_can_be_made_leaves_none(tmp_path):
+    before = sorted(tmp_path.rglob("*"))
+    assert folders.unwritable(tmp_path / "new" / ".." / "other" / "deep") is None
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_an_index_that_names_other_files_takes_none_away(tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "mine").write_text("mine")
+    index = '<VTKFile><Collection><DataSet timestep="0" file="../mine"/></Collection></VTKFile>'
+    (tmp_path / "run" / "frames.pvd").write_text(index)
+    folders.clear(tmp_path / "run")
+    assert (tmp_path / "mine").read_text() == "mine"
+    assert not (tmp_path / "run" / "frames.pvd").exists()
 
 
 # Mistakes
@@ -209,7 +246,9 @@ def test_every_mistake_is_named_and_nothing_is_written(scene, tmp_path):
         (["--duration", "-1"], "run.duration = -1.0: must be > 0 s"),
         (["--set", "gravity"], "--set = gravity: must be KEY=VALUE"),
         (["--set", "run.dt=1"], "run.dt = 1: must be at most the duration, "),
-        (["--set", "spheres.velocity=[true]"], "spheres.velocity: must be numbers of shape"),
+        (["--set", "spheres.velocity=[true]"], "spheres.velocity[0] = true: must be a number; "),
+        (["--set", "=1"], "--set = =1: must be KEY=VALUE"),
+        (["--set", "materials.gel.density='1'"], 'materials.gel.density = "1": must be a number'),
         (["--set", "law.normal=[true]"], "law.normal = [true]: must be a table"),
         (["--set", "run.dt=-1e-6"], "run.dt = -1e-06: must be > 0 s"),
     ],
@@ -263,7 +302,9 @@ def test_a_scene_must_say_how_long(scene, capsys):
 
 def test_a_file_that_is_not_there(tmp_path, capsys):
     assert cli.main(["run", str(tmp_path / "none.toml")]) == cli.WRONG_INPUT
-    assert "none.toml" in capsys.readouterr().err
+    assert "none.toml: there is no such file\n" in capsys.readouterr().err
+    assert cli.main(["check", str(tmp_path)]) == cli.WRONG_INPUT
+    assert f"{tmp_path}: is a folder; must be a file\n" in capsys.readouterr().err
 
 
 def test_a_wrong_environment_is_wrong_input(scene):
@@ -354,8 +395,11 @@ def test_check_lists_what_a_scene_leaves_out(scene, capsys):
         '[substrate]\nmaterial = "gel"', ""
     )
     scene.write_text(plain)
-    assert cli.main(["check", str(scene)]) == cli.DONE
-    (off,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("off")]
+    nearer = ["--set", "spheres.position[1]=[1.9e-3, 0, 1e-3]"]
+    assert cli.main(["check", str(scene), *nearer]) == cli.DONE
+    said = capsys.readouterr()
+    (off,) = [line for line in said.out.splitlines() if line.startswith("off")]
+    assert "warning: spheres 0 and 1 overlap by 100 µm" in said.err
     for absent in ("tangential", "substrate", "rotation", "history", "dissipation"):
         assert absent in off
 
@@ -364,6 +408,29 @@ def test_check_finds_a_run_that_would_be_stopped(scene, capsys):
     assert cli.main(["check", str(scene), "--set", "run.dt=0.02", "--duration", "1"]) == cli.STOPPED
     said = capsys.readouterr().err
     assert "beyond the stable step" in said and "the run would be stopped: at t =" in said
+
+
+def test_a_scene_that_hardly_was_meant_is_doubted():
+    glass = dem.Material("glass", density=2500, youngs_modulus=5e6, poissons_ratio=0.22)
+
+    def said(apart, steps=1, radius=2e-3):
+        row = np.arange(3)[:, None] * [apart, 0, 0] + [0, 0, 1]
+        scene = dem.Scene(
+            spheres=dem.Spheres(row, radius, glass), law=dem.Law(dem.Hertz(restitution=0.5))
+        )
+        return list(oddities.oddities(scene, steps, 1e-9, "the time that light takes"))
+
+    assert said(3e-3) == [
+        "spheres 0 and 1 overlap by 1 mm at the start, 50% of the smaller radius (2 pairs by more "
+        "than 10%): they will fly apart unless they are held. Is a diameter given as a radius?"
+    ]
+    assert said(3.9e-3) == said(1.0, 10**9) == []
+    [line] = said(3.7e-3, radius=[2e-3, 2e-3, 1e-3])
+    assert line.startswith("spheres 0 and 1 overlap by 300 µm at the start, 15% of the smaller rad")
+    assert "pairs" not in line
+    assert said(1.0, 2 * 10**10) == [
+        "2e+10 steps are more than can be waited for: dt = 1 ns, the time that light takes"
+    ]
 
 
 def test_memory_is_that_of_the_fields():

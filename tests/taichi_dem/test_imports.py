@@ -14,7 +14,7 @@ PACKAGES = ("taichi_dem", "halfspace")
 
 LAYERS = {
     "scene": "validation material shapes periodic overlaps packing sphere_files spheres substrate "
-    "scene time_step writing tables toml_text run_plan scene_file scene_writer",
+    "scene time_step writing tables toml_text run_plan reading scene_file scene_writer",
     "kernels": "types control particles effects contact_list grid neighbors boundaries geometry "
     "past expansions reciprocal expansion_passes expansion_newton coefficients forces pair_sums "
     "coupled_contacts coupling lagged_surface doubts extrapolation ground_past ground_contacts "
@@ -22,8 +22,9 @@ LAYERS = {
     "guards views sleep pace ground ground_view on_list good_state engine memory",
     "simulation": "alerts asked schedule simulation moments neglect",
     "outputs": "style wording snapshot frames progress output bed dents plot",
-    "tools": "folder run cost check settings record accuracy orders closed_form worker workers "
-    "study_point study_report study_bench studies pilot choice asked_error cli __main__",
+    "tools": "streams folder run oddities cost check settings record accuracy orders closed_form "
+    "worker workers study_point study_report study_bench studies pilot choice asked_error cli "
+    "__main__",
 }
 MAY_IMPORT = {
     "scene": {"scene"},

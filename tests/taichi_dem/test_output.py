@@ -23,6 +23,7 @@ from taichi_dem.output import (
 )
 from taichi_dem.snapshot import Snapshot
 from taichi_dem.validation import InputError
+from taichi_dem.writing import write_text
 
 
 @pytest.fixture
@@ -229,6 +230,17 @@ def test_a_failed_write_leaves_the_old_state(sim, tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["state.npz"]
 
 
+def test_what_is_no_plain_file_is_written_and_not_replaced(tmp_path):
+    os.mkfifo(pipe := tmp_path / "pipe")
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_text(pipe, "said")
+    assert os.read(reader, 10) == b"said" and pipe.is_fifo()
+    os.close(reader)
+    with pytest.raises(IsADirectoryError):
+        write_text(tmp_path, "said")
+    assert list(tmp_path.iterdir()) == [pipe]
+
+
 # Frames
 
 
@@ -263,7 +275,17 @@ def test_frames_hold_the_spheres(sim, tmp_path):
         np.testing.assert_array_equal(arrays[name], getattr(sim.particles, name))
     np.testing.assert_array_equal(arrays["coordination"], Snapshot.of(sim).coordination)
     np.testing.assert_array_equal(arrays["id"], np.arange(16))
+    assert "asleep" not in arrays
     assert arrays["TimeValue"] == [3 * sim.dt] and arrays["step"] == [3]
+
+
+def test_frames_say_who_sleeps_where_somebody_may(sim, tmp_path):
+    pytest.importorskip("vtkmodules")
+    sim.scene.sleep, sim.asleep = True, np.arange(16) % 3 == 0
+    run(sim, Frames(tmp_path, every=1e-3), writes=1)
+    asleep = read_vtk(tmp_path / "frames/spheres_000000.vtp")[1]["asleep"]
+    assert asleep.dtype == np.int32
+    np.testing.assert_array_equal(asleep, sim.asleep)
 
 
 def test_frames_hold_the_contacts_as_lines(sim, tmp_path):

@@ -106,9 +106,27 @@ def test_raised_ground_has_colours_of_its_own(sim):
     image = drawing.axes[0].images[0]
     low, high = image.get_clim()
     assert low < 0 < high and low / high == pytest.approx(raised.min() / raised.max())
-    assert image.norm(0.0) == 0.5  # white
     ticks = drawing.axes[1].get_yticks()
     assert ticks.min() < 0 < ticks.max()
+
+
+@pytest.mark.parametrize("raised", [5.0, 300.0, 700.0, 2000.0])
+def test_raised_ground_is_as_strongly_coloured_as_dents_of_that_size(raised):
+    """By how far the colours are from white, within what two different hues allow."""
+    deepest = 700.0
+    colors, norm = style.depths(np.array([deepest, 0.0, -raised]))
+    assert norm(0.5 * (deepest - raised)) == pytest.approx(0.5)  # one linear scale
+
+    def strength(depth):
+        return 1 - np.mean(colors(norm(depth))[:3])
+
+    assert strength(0.0) < 0.01
+    for size in np.linspace(0.2, 1.0, 5) * min(raised, deepest):
+        assert strength(-size) == pytest.approx(strength(size), rel=0.4, abs=0.01)
+    assert strength(deepest) > 0.99 * strength(0.5 * deepest)
+    most = max(raised, deepest)
+    full = strength(deepest if deepest == most else -raised)
+    assert strength(-raised) == pytest.approx(full * raised / most, rel=0.4, abs=0.01)
 
 
 def test_contacts_over_the_edge_of_a_periodic_cell_are_drawn_on_both_sides(sim):

@@ -104,10 +104,41 @@ def test_spheres_name_the_first_offenders_and_count_the_rest():
     ]
 
 
-@pytest.mark.parametrize("position", [[], [1, 2, 3], [[1, 2]], [[1, 2], [3]], "text", [["a"] * 3]])
-def test_positions_of_another_shape_are_refused(position):
+@pytest.mark.parametrize(
+    ("position", "what"),
+    [
+        ([], ": "),
+        ([1, 2, 3], ": "),
+        (np.ones((2, 2)), ": "),
+        ([[1, 2]], "[0] = [1, 2]: must be 3 numbers; position "),
+        ([[1, 2, 3], [3]], "[1] = [3]: must be 3 numbers; position "),
+        ([1, [1, 2, 3]], "[0] = 1: must be 3 numbers; position "),
+        ([["a"] * 3], "[0] = ['a', 'a', 'a']: must be 3 numbers; position "),
+        ("text", ' = "text": '),
+    ],
+)
+def test_positions_of_another_shape_are_refused(position, what):
     [line] = message(Spheres, position, 1, GLASS)
-    assert line.startswith("spheres.position: must be numbers of shape (n, 3), n >= 1, in m")
+    if what[0] == "[":
+        assert message(Spheres, position, -1, GLASS) == [
+            line,
+            "spheres.radius = -1: must be > 0 m (radius)",
+        ]
+    rule = "must be numbers of shape (n, 3), n >= 1, in m"
+    assert line.startswith(f"spheres.position{what}{rule}")
+
+
+def test_what_is_no_number_is_shown_as_it_was_given():
+    at = [[0, 0, 0], [0, 0, 3]]
+    assert message(Spheres, at, [1, "2"], GLASS, velocity=["a", 0, 0], omega="fast") == [
+        'spheres.radius[1] = "2": must be a number; radius must be numbers of shape (2,), in m',
+        'spheres.velocity[0] = "a": must be a number; velocity must be numbers of shape (2, 3), '
+        "in m/s",
+        'spheres.omega = "fast": must be numbers of shape (2, 3), in rad/s',
+    ]
+    assert message(Spheres, at, "1", GLASS) == [
+        'spheres.radius = "1": must be numbers of shape (2,), in m'
+    ]
 
 
 @pytest.mark.parametrize(
@@ -244,7 +275,7 @@ def test_faces_are_points_and_unit_normals_into_the_domain():
                 GEL, "x", "point", "none", layer=Layer(1), relaxation=Relaxation(1, 1)
             ),
             [
-                "substrate.tolerance = x: must be a number; must be > 0 and < 1 (of the "
+                'substrate.tolerance = "x": must be a number; must be > 0 and < 1 (of the '
                 "displacement)",
                 'substrate.layer: must be left out with exchange = "none", a plane',
                 'substrate.relaxation: must be left out with exchange = "none", a plane',

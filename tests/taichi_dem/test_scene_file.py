@@ -328,7 +328,51 @@ def test_what_is_left_out_is_asked_for_in_words_of_the_file(path):
 def test_what_is_not_toml_is_refused(path):
     path.write_text("gravity = [1,")
     assert "scene.toml: cannot be read: " in message(path)[0]
-    assert "cannot be read" in message(path.with_name("none.toml"))[0]
+    path.write_bytes(b"gravity = 1 # \xff")
+    assert message(path) == [f"{path}: must be text in UTF-8; byte 14 is not"]
+    assert message(path.with_name("none.toml")) == [
+        f"{path.with_name('none.toml')}: there is no such file"
+    ]
+    assert message(path.parent) == [f"{path.parent}: is a folder; must be a file"]
+
+
+def test_mistakes_of_all_stages_come_at_once(path):
+    (path.parent / "two.csv").write_text("x,y,z,radius,material\n0,0,1,-1e-3,gold\n0,0,2,1,gel\n")
+    lines = message(
+        path,
+        "gravity=[0,0,nan]",
+        "sleep=yes",
+        "period=[1]",
+        "substrate.exchange_every=2.5",
+        "materials.glass.density='2500'",
+        "spheres={file='two.csv'}",
+        "=1",
+        "boundaries[0].low=1",
+    )
+    assert [line.partition(":")[0] for line in lines] == [
+        "--set = =1",
+        'materials.glass.density = "2500"',
+        "spheres.radius[0] = -0.001",
+        "spheres.material = gold",
+        "boundaries[0].low = 1",
+        "substrate.exchange_every = 2.5",
+        "gravity = [0, 0, nan]",
+        "period = [1]",
+        "sleep = yes",
+    ]
+
+
+def test_the_state_that_a_run_has_left_is_taken_up(path):
+    places = np.array([[0.01, 0.01, 0.01], [0.01, 0.01, 0.02]])
+    state = {"time": 3.0, "step": 7, "force": places, "radius": [1e-3, 2e-3], "position": places}
+    state |= {"velocity": places, "omega": -places}
+    names = {"material": [1, 0], "material_names": ["gel", "glass", "other"]}
+    np.savez(path.parent / "state.npz", **state, **names)
+    spheres = read(path, ["spheres={file='state.npz'}"], LAWS)[0].spheres
+    assert spheres == Spheres(places, [1e-3, 2e-3], (GLASS, GEL), places, -places)
+    np.savez(path.parent / "other.npz", **state)
+    [line] = message(path, "spheres={file='other.npz', material='gel'}")
+    assert line.startswith(f"spheres.file = {path.parent / 'other.npz'}: unknown array 'time'; ")
 
 
 def test_spheres_from_files_beside_the_scene(path):

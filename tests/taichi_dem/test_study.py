@@ -166,7 +166,7 @@ def test_what_is_wrong_is_said_before_anything_is_written(tmp_path, capsys):
     missing = str(tmp_path / "missing.toml")
     assert cli.main(["study", missing, "-o", str(tmp_path / "new")]) == cli.WRONG_INPUT
     assert not (tmp_path / "new").exists()
-    assert "cannot be read" in capsys.readouterr().err
+    assert "missing.toml: there is no such file" in capsys.readouterr().err
 
 
 @pytest.mark.slow

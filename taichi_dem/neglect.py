@@ -160,7 +160,7 @@ def _bare(scene: Scene) -> Scene:
     return dataclasses.replace(scene, law=bare, substrate=ground, sleep=False)
 
 
-def _turning_on(scene: Scene, name: str) -> dict[str, str]:
+def _turning_on(scene: Scene, name: str) -> dict[str, Any]:
     """What turns an effect on in the scene as it is, and why that cannot be done though it acts."""
     entry, changes = next((entry, how) for one, entry, how, _ in _changes(scene) if one == name)
     try:

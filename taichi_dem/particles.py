@@ -61,22 +61,22 @@ class Particles:
     @ti.kernel
     def _fill(
         self,
-        position: Rows,
-        velocity: Rows,
-        omega: Rows,
+        position: ti.types.ndarray(),
+        velocity: ti.types.ndarray(),
+        omega: ti.types.ndarray(),
         radius: ti.types.ndarray(),
         inverse_mass: ti.types.ndarray(),
         material: ti.types.ndarray(),
         rank: ti.types.ndarray(),
     ):
         for i in range(self.count):
-            self.body[i].position, self.body[i].velocity = position[i], velocity[i]
+            for axis in ti.static(range(3)):
+                self.body[i].position[axis] = position[i, axis]
+                self.body[i].velocity[axis] = velocity[i, axis]
+                self.spin[i].omega[axis] = omega[i, axis]
             self.body[i].radius, self.body[i].inverse_mass = radius[i], inverse_mass[i]
-            self.spin[i].omega = omega[i]
-            self.spin[i].material = material[i]
-            self.spin[i].id = i
-            self.index_of[i] = i
-            self.rank[i] = rank[i]
+            self.spin[i].material, self.spin[i].id = material[i], i
+            self.rank[i], self.index_of[i] = rank[i], i
 
     def read(self) -> dict[str, np.ndarray]:
         """Position, velocity, omega, force and torque, each (n, 3), in the user's order."""

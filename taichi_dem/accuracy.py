@@ -45,7 +45,7 @@ def errors(run: Record, reference: Record, last: int) -> dict[str, float]:
     trajectory: rms distance of the spheres over their rms displacement; contact force: rms of the
     differences over the rms force, a contact that one of the two lacks counting in full; energy
     drift: largest error of the balance over the energy turned over; depression (of the whole run
-    only) and piston force: rms difference over rms value. What is nowhere different from zero in
+    only) and force on walls: rms difference over rms value. What is nowhere different from zero in
     the reference is left out.
     """
     whole = last == reference.samples
@@ -56,7 +56,7 @@ def errors(run: Record, reference: Record, last: int) -> dict[str, float]:
         "trajectory": _share(run.position - reference.position, moved),
         "contact force": _share(forces[0] - forces[1], forces[1]),
         "energy drift": _drift(run, reference),
-        "piston force": _share(run.push - reference.push, reference.push),
+        "force on walls": _share(run.push - reference.push, reference.push),
     }
     if whole:
         found["depression"] = _share(run.depression - reference.depression, reference.depression)
@@ -73,7 +73,7 @@ def statistics(run: Record) -> dict[str, float]:
         "radius of gyration": float(np.sqrt(np.square(around).sum(axis=1).mean())),
         "contact force": float(np.linalg.norm(run.force[late], axis=1).sum()) / count,
         "energy turned over": float(run.turnover[-1]),
-        "piston force": float(np.sqrt(np.square(run.push).sum(axis=(1, 2)).mean())),
+        "force on walls": float(np.sqrt(np.square(run.push).sum(axis=(1, 2)).mean())),
     }
     if len(run.depression):
         found["depression"] = float(run.depression.mean())

@@ -17,7 +17,7 @@ MEASURES = (
     "contact force",
     "energy drift",
     "depression",
-    "piston force",
+    "force on walls",
     "rebound",
 )
 STATISTICS = (
@@ -25,7 +25,7 @@ STATISTICS = (
     "contact force",
     "energy turned over",
     "depression",
-    "piston force",
+    "force on walls",
 )
 COLUMNS = (
     "knob",

@@ -37,7 +37,7 @@ def test_a_run_is_as_it_is():
     found = accuracy.errors(run, run, 8)
     drift = found.pop("energy drift")
     assert drift == np.abs(run.balance).max() / 2
-    assert set(found) == {"trajectory", "contact force", "piston force", "depression"}
+    assert set(found) == {"trajectory", "contact force", "force on walls", "depression"}
     assert set(found.values()) == {0.0}
 
 

@@ -15,7 +15,7 @@ MOST_SECONDS = 2.0
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-n", "--particles", type=int, default=300)
-    parser.add_argument("--rounds", type=int, default=3, help="starts after the first")
+    parser.add_argument("--rounds", type=int, default=7, help="starts after the first")
     parser.add_argument("--patience", type=float, default=30.0, help="s to wait for a quiet start")
 
 

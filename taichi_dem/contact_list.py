@@ -15,6 +15,7 @@ from taichi_dem.types import real, ti, vec3
 SUBSTRATE = -1  # body number of the half-space; face f of the boundaries is -2 - f
 FIRST_FACE = -2
 APART, TOUCHING = range(2)
+CACHED = 30_000  # particles: what contacts of more do is moved by before a second look at it
 
 Ends = ti.types.struct(i=ti.i32, j=ti.i32)
 
@@ -67,6 +68,7 @@ class ContactList:
     start        (particles + 1) first contact of each first particle
     incidence    contacts of each particle, 2 p, or 2 p + 1 where it is the second, in the order of
                  the partner's id: sums do not depend on the order of the list
+    earliest, latest  contact of each particle (absent where all of them fit into the caches)
     found, name  notes of the one who makes the list, ``room`` for each particle
     """
 
@@ -93,6 +95,10 @@ class ContactList:
         builder.dense(ti.i, capacity).place(self.result)
         builder.dense(ti.i, particles + 1).place(self.start, self.incidence_start)
         builder.dense(ti.i, 2 * capacity).place(self.incidence)
+        self.outgrows_caches = particles > CACHED
+        if self.outgrows_caches:
+            self.earliest, self.latest = ti.field(ti.i32), ti.field(ti.i32)
+            builder.dense(ti.i, particles).place(self.earliest, self.latest)
         self.room = 2 * capacity // particles
         self.found, self.name = ti.field(ti.i32), ti.field(ti.i32)
         builder.dense(ti.i, 2 * capacity).place(self.found)
@@ -142,6 +148,22 @@ class ContactList:
         for q in range(self.incidence_start[i], self.incidence_start[i + 1]):
             number += self.touching[self.incidence[q] >> 1] != APART
         return number
+
+    @ti.func
+    def needed(self, i, end):
+        """Up to which contact, of those before ``end``, all must be known before ``i`` moves."""
+        until = end
+        if ti.static(self.outgrows_caches):
+            until = ti.min(self.latest[i] + 1, end)
+        return until
+
+    @ti.func
+    def lie_within(self, i, first, end):
+        """Whether all contacts of ``i`` are known to be from ``first`` on and before ``end``."""
+        within = False
+        if ti.static(self.outgrows_caches):
+            within = first <= self.earliest[i] and self.latest[i] < end
+        return within
 
     def filed(self) -> tuple[np.ndarray, np.ndarray]:
         """What is on file (see ``Neighbors.save``), for :meth:`put_on_file`."""

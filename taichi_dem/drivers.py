@@ -99,7 +99,10 @@ class Drivers:
 
     @ti.func
     def work(self, member, steps):
-        """The share of one member: its particles, and the contacts that these look for."""
+        """The share of one member: its particles, and the contacts that these look for.
+
+        In a large bed a particle moves as soon as all its contacts have been seen to, while what
+        they do is still in the caches; in the second half those that others have contacts with."""
         n, members = self.particles.count, ti.static(self.meeting.members)
         low, high = n * member // members, n * (member + 1) // members
         first, last = self.contacts.start[low], self.contacts.start[high]
@@ -126,22 +129,24 @@ class Drivers:
                         self.meeting.release()
                     met += 1
                     self.meeting.wait(met)
-            for p in range(first, last):
-                self.step.evaluate_contact(p, time_step)
-            if self.meeting.last_to_arrive():
-                self.step.settle_boundaries()
-                self.step.carry_boundaries()
-                self.meeting.release()
-            met += 1
-            self.meeting.wait(met)
-            for i in range(low, high):
-                self.step.move(i)
             made += 1
-            if self.meeting.last_to_arrive():
-                self.call_step(made, steps)
-                self.meeting.release()
-            met += 1
-            self.meeting.wait(met)
+            p = first
+            for half in range(2):
+                for i in range(low, high):
+                    while p < self.contacts.needed(i, last):
+                        self.step.evaluate_contact(p, time_step)
+                        p += 1
+                    if self.contacts.lie_within(i, first, last) == (half == 0):
+                        self.step.move(i)
+                if self.meeting.last_to_arrive():
+                    if half == 0:
+                        self.step.settle_boundaries()
+                        self.step.carry_boundaries()
+                    else:
+                        self.call_step(made, steps)
+                    self.meeting.release()
+                met += 1
+                self.meeting.wait(met)
 
     @ti.func
     def call_step(self, made, steps):

@@ -164,6 +164,8 @@ class Neighbors:
         ti.loop_config(serialize=self.particles.few)
         for i in range(self.particles.count):
             self.sort_incident(i)
+            if ti.static(self.contacts.outgrows_caches):
+                self.note_extent(i)
             if ti.static(self.contacts.shares_inertia):
                 self.contacts.number[i] = self.contacts.count_touching(i)
 
@@ -245,6 +247,15 @@ class Neighbors:
             if j >= 0:
                 place = ti.atomic_sub(starts[j], 1) - 1
                 notes[place], names[place] = 2 * p + 1, own_name
+
+    @ti.func
+    def note_extent(self, i):
+        """Note the earliest and the latest contact of ``i`` on the list."""
+        earliest, latest = self.contacts.capacity, -1
+        for q in range(self.contacts.incidence_start[i], self.contacts.incidence_start[i + 1]):
+            p = self.contacts.incidence[q] >> 1
+            earliest, latest = ti.min(earliest, p), ti.max(latest, p)
+        self.contacts.earliest[i], self.contacts.latest[i] = earliest, latest
 
     @ti.func
     def sort_incident(self, i):

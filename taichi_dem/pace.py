@@ -11,7 +11,6 @@ LOOPS_ABOVE = 2000  # below, waking them for every loop never pays
 PARALLEL_ABOVE = 200_000  # it always does
 TRIAL_STEPS = 20  # at least; small scenes make more, so that waking threads does not count
 TRIAL_WORK = 200_000  # particle-steps
-ROUNDS = 2  # of trials: what is disturbed in one may be the fastest in the other
 TRIAL_LASTS = 10.0  # s, until the ways are tried again
 BURST = 2000  # steps that a team makes at most before it is asked how it goes
 DISTURBED = 2.0  # times as slow as in its trial
@@ -105,7 +104,10 @@ class Pace:
         self._begin_trials()
 
     def _begin_trials(self) -> None:
-        self._trials = ROUNDS * self._ways if len(self._ways) > 1 else []
+        # Twice, as what is disturbed in one round may be the fastest in the other; there and back,
+        # as the list may be growing thinner, and steps faster, at the same time.
+        there_and_back = [*self._ways, *reversed(self._ways)]
+        self._trials = there_and_back if len(self._ways) > 1 else []
         self._cost: dict[str, float] = {}
         self._warm, self._tried = "", time.perf_counter()
 

@@ -74,20 +74,23 @@ def drawn(number: int) -> dem.Scene:
     if ground is None:
         slides = draw.one_of(0.0, draw.decades(1e-4, 1e-2) * wave)
         walls.append(dem.Plane((0, 0, 0), (0, 0, 1), hard, velocity=(slides, 0.0, 0.0)))
+    if draw.chance(0.4):
+        walls.append(piston(draw, position, radius, soft, wave))
 
     speed = draw.decades(1e-4, 2e-2) * wave
-    toward = (position.mean(axis=0) - position) / size
+    toward = draw.share(0, 2) * (position.mean(axis=0) - position) / size
+    weight = draw.one_of(0.1 * speed**2, draw.decades(1e-5, 1e-3) * wave**2) / size
     motion = draw.rng.normal(size=(2, len(radius), 3))
     return scene(
         position,
         radius,
         soft,
-        velocity=speed * (motion[0] + (0.0 if period else 0.5) * toward),
+        velocity=speed * (motion[0] + (0.0 if period else 1.0) * toward),
         omega=draw.one_of(0.0, 1.0) * motion[1] * speed / radius[:, None],
         law=law,
         boundaries=walls,
         substrate=ground,
-        gravity=(0.0, 0.0, -draw.share() * speed**2 / size),
+        gravity=(0.0, 0.0, -weight),
         period=period,
         sleep=sleep,
     )
@@ -179,7 +182,7 @@ def normal_law(draw: Draw, stiffness: float, tension: float):
 
 def cluster(draw: Draw, radius: np.ndarray, period) -> np.ndarray:
     """Centres (n, 3), m, each a little apart from or into another one or the ground z < 0."""
-    depth = draw.one_of(draw.share(-0.1, 0.0), draw.share(0.0, 0.03))  # of the smaller radius
+    depth = draw.one_of(draw.share(-0.1, 0.0), draw.share(0.0, 0.05))  # of the smaller radius
     place = np.array([[0.0, 0.0, radius[0] * (1 - depth)]])
     while len(place) < len(radius):
         k = len(place)
@@ -208,3 +211,19 @@ def around(position: np.ndarray, radius: np.ndarray, margin: float, material) ->
     low = (position - radius[:, None]).min(axis=0) - margin
     high = (position + radius[:, None]).max(axis=0) + margin
     return [dem.Box((*low[:2].tolist(), -math.inf), tuple(high.tolist()), material)]
+
+
+def piston(draw: Draw, position: np.ndarray, radius: np.ndarray, material, wave: float):
+    """A plate just above the spheres that comes down: steadily, to and fro, or under a load."""
+    least = float(radius.min())
+    top = float((position[:, 2] + radius).max() + draw.share(0, 0.05) * least)
+    way = draw.one_of("velocity", "program", "load")
+    motion = {"velocity": draw.decades(1e-4, 3e-3) * wave}
+    if way == "program":
+        time, depth = draw.decades(10, 100) * least / wave, draw.share(0.01, 0.1) * least
+        motion = {"program": ((time, depth), (2 * time, 0.0))}
+    if way == "load":
+        volume = float(4 / 3 * math.pi * (radius**3).sum())
+        motion = {"load": draw.decades(1e-5, 3e-3) * material.density * (wave * least) ** 2}
+        motion["mass"] = draw.decades(0.1, 10) * material.density * volume
+    return dem.Piston((0, 0, top), (0, 0, -1), material, **motion)

@@ -22,6 +22,7 @@ def kinds(problem):
     yield from (type(part).__name__ for part in law.parts().values())
     yield f"{law.surface.exchange} surfaces" if law.surface else "no surface law"
     yield "periodic" if problem.period else "walls"
+    yield from {wall.kind for wall in problem.boundaries if wall.moves}
     yield from ["sleep"] * problem.sleep + ["pairs"] * bool(law.pairs)
     if ground is None:
         yield "floor"
@@ -42,7 +43,7 @@ def test_every_kind_is_drawn_and_accepted():
         f"{way}, {below}" for way in (*ways[:3], "creeping") for below in ("layer", "half-space")
     ]
     wanted += ["creeping, point", "floor", "periodic", "walls", "sleep", "pairs", "no surface law"]
-    wanted += ["Hertz", "Hooke", "JKR", "EEPA", "Mindlin", "CDT", "CDTJKR"]
+    wanted += ["Hertz", "Hooke", "JKR", "EEPA", "Mindlin", "CDT", "CDTJKR", "Piston", "Plane"]
     assert not [kind for kind in wanted if not seen[kind]]
     both = {(surface, kind) for scene in scenes for surface in scene for kind in scene}
     for way in ("floor", "implicit, layer", "implicit, half-space", "none, half-space"):
@@ -113,11 +114,13 @@ def holds(problem):
         sim = dem.Simulation(problem, driver="serial", max_overlap=1.0)
         late = MovingSurfaces(sim) if MovingSurfaces.present(problem) else None
         scale, lost, held, stopped = 0.0, 0.0, 0.0, None
+        height = sim.energy()["gravity"]
         for _ in range(0, STEPS + 1, LOOK):
-            parts = sim.energy()
+            parts = dict(sim.energy())
             held = max(held, abs(parts.get("substrate", 0.0)) + abs(parts.get("expansion", 0.0)))
-            kept = [v for name, v in parts.items() if name not in ("dissipated", "balance_error")]
-            scale = max(scale, np.abs(kept).sum())
+            parts["gravity"] -= height
+            turned_over = set(parts) - {"dissipated", "balance_error"}
+            scale = max(scale, sum(abs(parts[name]) for name in turned_over))
             made = SWINGS * wobble(sim) * scale
             if late:
                 made += late.work + 2 * held

@@ -64,7 +64,7 @@ def drawn(number: int) -> dem.Scene:
     period, position = None, None
     if draw.chance(0.4):  # four radii are the least, six if surfaces rise, and what adhesion holds
         period = tuple(float(radius.max() * draw.share(6.5, 12)) for _ in range(2))
-    position = cluster(draw, radius, period)
+    position = cluster(draw, radius, period, 0.05 if surface else 0.1)
     if period is None:
         walls = around(position, radius, size * draw.share(1e-3, 1), soft)
     else:
@@ -77,14 +77,15 @@ def drawn(number: int) -> dem.Scene:
     if draw.chance(0.4):
         walls.append(piston(draw, position, radius, soft, wave))
 
-    speed = draw.decades(1e-4, 2e-2) * wave
+    speed = draw.decades(1e-4, 1e-1) * wave
     toward = draw.share(0, 2) * (position.mean(axis=0) - position) / size
     weight = draw.one_of(0.1 * speed**2, draw.decades(1e-5, 1e-3) * wave**2) / size
     motion = draw.rng.normal(size=(2, len(radius), 3))
+    mixed = [draw.one_of(soft, hard) for _ in radius]
     return scene(
         position,
         radius,
-        soft,
+        draw.one_of(soft, mixed),
         velocity=speed * (motion[0] + (0.0 if period else 1.0) * toward),
         omega=draw.one_of(0.0, 1.0) * motion[1] * speed / radius[:, None],
         law=law,
@@ -118,7 +119,7 @@ def substrate(draw: Draw, kind: str, material: dem.Material, size: float, time: 
     if kind == "none":
         return replace(ground, exchange="none")
     if draw.chance(0.3):
-        layer = dem.Layer(size * draw.decades(0.5, 100), draw.one_of("bonded", "frictionless"))
+        layer = dem.Layer(size * draw.decades(0.7, 100), draw.one_of("bonded", "frictionless"))
         ground = replace(ground, layer=layer)
     if kind == "lagged":
         return replace(ground, exchange="lagged", force_lagged=draw.chance(0.5))
@@ -156,11 +157,19 @@ def laws(draw: Draw, stiffness: float, tension: float, normal, surface) -> dem.L
         return law
     pair = {"tangential": dem.Mindlin(draw.share(0, 2), draw.share(0, 1))}
     pair["normal"] = replace(normal, restitution=draw.share(0.05, 1))
+    if rolling is not None:
+        pair["rolling"] = replace(rolling, **{draw.one_of(*rolls(rolling)): draw.share(0, 0.5)})
     return replace(law, pairs={("a", draw.one_of("a", "b")): pair})
 
 
+def rolls(law) -> list[str]:
+    """The numbers of a rolling law that any pair of materials may have its own of."""
+    strength = "rolling_friction" if isinstance(law, dem.CDT) else "adhesion_hysteresis"
+    return [strength, "rolling_damping"] if law.regularization == "spring" else [strength]
+
+
 def normal_law(draw: Draw, stiffness: float, tension: float):
-    restitution, work = draw.share(0.05, 1), tension * draw.decades(1e-6, 1e-3)
+    restitution, work = draw.share(0.05, 1), tension * draw.decades(1e-6, 1e-2)
     kind = draw.one_of("Hertz", "Hooke", "JKR", "JKR", "EEPA", "EEPA")
     if kind == "Hertz":
         return dem.Hertz(restitution)
@@ -180,9 +189,10 @@ def normal_law(draw: Draw, stiffness: float, tension: float):
     )
 
 
-def cluster(draw: Draw, radius: np.ndarray, period) -> np.ndarray:
-    """Centres (n, 3), m, each a little apart from or into another one or the ground z < 0."""
-    depth = draw.one_of(draw.share(-0.1, 0.0), draw.share(0.0, 0.05))  # of the smaller radius
+def cluster(draw: Draw, radius: np.ndarray, period, deepest: float) -> np.ndarray:
+    """Centres (n, 3), m, each a little apart from, or into, another one or the ground z < 0; the
+    ``deepest`` overlap is a share of the smaller radius."""
+    depth = draw.one_of(draw.share(-0.01, 0.0), draw.share(0.0, deepest))
     place = np.array([[0.0, 0.0, radius[0] * (1 - depth)]])
     while len(place) < len(radius):
         k = len(place)

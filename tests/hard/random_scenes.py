@@ -49,7 +49,7 @@ def drawn(number: int) -> dem.Scene:
     wave = math.sqrt(modulus / max(soft.density, hard.density))
     size = draw.decades(1e-6, 1.0)
     radius = size * np.array([draw.decades(0.05, 1.0) for _ in range(draw.rng.integers(2, 13))])
-    stiffness = modulus * radius.min()
+    stiffness = modulus * float(radius.min())
 
     kind, way = KINDS[number % len(KINDS)], number // len(KINDS) % 4
     surface = None
@@ -61,7 +61,7 @@ def drawn(number: int) -> dem.Scene:
     normal = dem.Hertz(draw.share(0.05, 1)) if kind == "creeping" else None
     law = laws(draw, stiffness, stiffness, normal, surface)
 
-    period, position = None, None
+    period = None
     if draw.chance(0.4):  # four radii are the least, six if surfaces rise, and what adhesion holds
         period = tuple(float(radius.max() * draw.share(6.5, 12)) for _ in range(2))
     position = cluster(draw, radius, period, 0.05 if surface else 0.1)

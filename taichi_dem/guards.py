@@ -125,8 +125,8 @@ def overpressed(records: np.ndarray) -> Reason:
         f"the contacts found no equilibrium: the surface of sphere {sphere} has risen by "
         f"{expansion[k, side]:.3g} m at an overlap of {records['overlap'][k]:.3g} m. Beyond a "
         "compression of some tenths of the radius there is none under the multi-contact law, as "
-        "each contact is pressed more by what the others raise than it can bear. Compress less, "
-        "or take a smaller time step or prefactor"
+        "each contact is pressed more by what the others raise than it can bear. Try to "
+        "compress less, or a smaller time step or prefactor"
     ), sphere
 
 

@@ -5,11 +5,10 @@ from typing import Any
 from taichi_dem.extrapolation import course_members
 from taichi_dem.types import real, ti, vec2, vec3
 
-PAST = 4  # displacements kept: the next one is extrapolated from them by a cubic
-DRIFTS = 3
+PAST = 3  # displacements kept, from which the next one is extrapolated: a fourth adds more of what
+# they err by than it tells of how they bend
 
 past_values = ti.types.vector(PAST, real)
-past_drifts = ti.types.vector(DRIFTS, real)
 
 
 def ground_type(finite: bool, extrapolates: bool, spreads: bool) -> Any:
@@ -23,8 +22,7 @@ def ground_type(finite: bool, extrapolates: bool, spreads: bool) -> Any:
         force=real,  # elastic, N
         stored=real,  # in the surface, on account of this contact, J
         past=past_values,  # displacements of the last steps, latest first, m
-        drift=past_drifts,  # what of their changes the solve's matrix does not explain, m
-        drifts=ti.i32,  # how many of those there are
+        drift=real,  # what of the last change of it the solve's matrix does not explain, m
         **slopes,
         **(course_members() if extrapolates else {}),
         **more,

@@ -23,7 +23,4 @@ def extrapolated(past: ti.template(), age):
         next_one = 2.0 * past[0] - past[1]
     elif age >= 3:
         next_one = 3.0 * (past[0] - past[1]) + past[2]
-    if ti.static(past.n >= 4):
-        if age >= 4:
-            next_one = 4.0 * (past[0] + past[2]) - 6.0 * past[1] - past[3]
     return next_one

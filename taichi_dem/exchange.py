@@ -15,10 +15,12 @@ from taichi_dem.coupling import CoupledSolve
 from taichi_dem.effects import Effects
 from taichi_dem.extrapolation import Extrapolation
 from taichi_dem.ground_contacts import GroundContacts
+from taichi_dem.ground_past import DRIFTS
 from taichi_dem.lagged_surface import LaggedSurface
 from taichi_dem.material import Material
 from taichi_dem.pair_sums import of
 from taichi_dem.particles import Particles
+from taichi_dem.past import extrapolated, shifted
 from taichi_dem.periodic import Period
 from taichi_dem.substrate import Substrate
 from taichi_dem.types import PRECISION, ti, vec2, vec3
@@ -196,7 +198,8 @@ class Exchange(GroundContacts):
         if ti.static(self.extrapolates):  # that which the known displacement belongs to
             solver.force[k] = ground.solved
         solver.effective[k] = solver.overlap[k] - self.expected(i)
-        solver.base[k] = solver.overlap[k] - ground.past[0] - ground.drift
+        drift = extrapolated(ground.drift, ground.drifts)
+        solver.base[k] = solver.overlap[k] - ground.past[0] - drift
         if ti.static(self.finite):
             solver.size[k] = self.size(i)
             shift = self.expected_shift(i)
@@ -213,9 +216,11 @@ class Exchange(GroundContacts):
         expansion = solver.effective[k] - solver.overlap[k]
         self.receive(i, self.overlap(i) + expansion, expansion, sunk, force, slope)
         ground = self.ground[i]
-        ground.drift = 0.0
         if solver.live[k] != 0 and ground.age > 1:
-            ground.drift = sunk - before - solver.gain[k]
+            ground.drift = shifted(ground.drift, sunk - before - solver.gain[k])
+            ground.drifts = ti.min(ground.drifts + 1, DRIFTS)
+        else:
+            ground.drifts = 0
         ground.anchor = vec3(sums.old_x[k], sums.old_y[k], sums.old_square[k])
         ground.anchored = solver.live[k]
         # f.(delta - c^2/(2R) - d) - E_c: where f.w - E_c would err by the residual, this does not.

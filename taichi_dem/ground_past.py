@@ -5,10 +5,12 @@ from typing import Any
 from taichi_dem.extrapolation import course_members
 from taichi_dem.types import real, ti, vec2, vec3
 
-PAST = 3  # displacements kept, from which the next one is extrapolated: a fourth adds more of what
-# they err by than it tells of how they bend
+PAST = 4  # displacements kept: the next one is extrapolated from them
+DRIFTS = 2
 
 past_values = ti.types.vector(PAST, real)
+past_misses = ti.types.vector(PAST - 1, real)
+past_drifts = ti.types.vector(DRIFTS, real)
 
 
 def ground_type(finite: bool, extrapolates: bool, spreads: bool) -> Any:
@@ -22,7 +24,9 @@ def ground_type(finite: bool, extrapolates: bool, spreads: bool) -> Any:
         force=real,  # elastic, N
         stored=real,  # in the surface, on account of this contact, J
         past=past_values,  # displacements of the last steps, latest first, m
-        drift=real,  # what of the last change of it the solve's matrix does not explain, m
+        missed=past_misses,  # by how much lines, parabolas, cubics through them miss the next one, m
+        drift=past_drifts,  # what of their changes the solve's matrix does not explain, m
+        drifts=ti.i32,  # how many of those there are
         **slopes,
         **(course_members() if extrapolates else {}),
         **more,

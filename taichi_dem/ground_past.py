@@ -24,7 +24,7 @@ def ground_type(finite: bool, extrapolates: bool, spreads: bool) -> Any:
         force=real,  # elastic, N
         stored=real,  # in the surface, on account of this contact, J
         past=past_values,  # displacements of the last steps, latest first, m
-        missed=past_misses,  # by how much lines, parabolas, cubics through them miss the next one, m
+        missed=past_misses,  # by how much lines, parabolas, cubics through them miss, m
         drift=past_drifts,  # what of their changes the solve's matrix does not explain, m
         drifts=ti.i32,  # how many of those there are
         **slopes,

@@ -1,4 +1,4 @@
-"""What the surfaces of the spheres rise by where others press on them: fields and lagged exchange.
+"""What the surfaces of the spheres rise by where others press on them: what every exchange needs.
 
 Each contact has two entries, 2 p for its first body and 2 p + 1 for its second, as in the list of
 incidences.  Only contacts within ``control.reach`` are looked at: those that an expansion could
@@ -25,14 +25,11 @@ class Expansions:
 
     largest            m, sum of the sizes of both expansions of a contact, since the last list
     overlap, normal    of each contact, over undeformed surfaces; -inf beyond reach
-    swollen            of each contact, what the radii of its bodies have grown by, m (lagged only)
     count              contacts within reach of each particle, its places from incidence_start on
-    entry, inward, depth, curvature, least  of each place: its entry, the unit vector from the
-                       contact to the centre, the distance between them (m), the inverse of that
-                       (1/m), and the contact radius (m)
+    entry              of each place
     """
 
-    implicit = False
+    implicit: bool
 
     def __init__(
         self,
@@ -53,13 +50,8 @@ class Expansions:
         self.radius = ti.field(real)
         for field in (self.overlap, self.normal, self.radius):
             builder.dense(ti.i, contacts.capacity).place(field)
-        self.entry, self.inward = ti.field(ti.i32), ti.Vector.field(3, real)
-        places = [self.entry, self.inward]
-        for name in "depth curvature least load answer".split():
-            setattr(self, name, ti.field(real))
-            places.append(getattr(self, name))
-        for field in places:
-            builder.dense(ti.i, 2 * contacts.capacity).place(field)
+        self.entry = ti.field(ti.i32)
+        builder.dense(ti.i, 2 * contacts.capacity).place(self.entry)
         self.count = ti.field(ti.i32)
         builder.dense(ti.i, self.particles.count).place(self.count)
         self.place_more(builder)
@@ -67,8 +59,7 @@ class Expansions:
 
     def place_more(self, builder: "ti.FieldsBuilder") -> None:
         """Fields of a way to solve."""
-        self.swollen = ti.Vector.field(2, real)
-        builder.dense(ti.i, self.contacts.capacity).place(self.swollen)
+        raise NotImplementedError
 
     def enrol(self) -> int:
         """The list was made anew; returns how many pairs of contacts there must be room for."""
@@ -102,20 +93,6 @@ class Expansions:
         return 1.0
 
     @ti.func
-    def swell(self, p, met):
-        """Note by what the radii of the bodies of contact ``p`` have grown in all but its overlap;
-        returns R* with that."""
-        ends, radius, swollen = self.contacts.ends[p], met.effective_radius, vec2(0.0)
-        if ends.j >= 0:
-            later = ti.cast(self.particles.spin[ends.j].id > self.particles.spin[ends.i].id, ti.i32)
-            swollen[later] = self.contacts.history[p].expansion[later]
-            own = self.particles.body[ends.i].radius + swollen[0]
-            other = met.partner_radius + swollen[1]
-            radius = own * other / (own + other)
-        self.swollen[p] = swollen
-        return radius
-
-    @ti.func
     def energy(self, p):
         """-F e / 2 of contact ``p``, J."""
         history = self.contacts.history[p]
@@ -136,21 +113,22 @@ class Expansions:
             p = entry >> 1
             overlap = self.overlap[p]
             if overlap > -math.inf:
-                place = base + number
-                self.entry[place] = entry
-                self.inward[place] = self.normal[p] * ti.cast(1 - 2 * (entry & 1), real)
-                self.depth[place] = radius - 0.5 * overlap
-                if ti.static(not self.implicit):
-                    swollen, side = self.swollen[p], entry & 1
-                    self.depth[place] += 0.5 * (swollen[side] - swollen[1 - side])
-                self.curvature[place] = 1.0 / self.depth[place]
-                self.least[place] = ti.sqrt(self.radius[p] * ti.max(overlap, 0.0))
+                self.entry[base + number] = entry
+                inward = self.normal[p] * ti.cast(1 - 2 * (entry & 1), real)
+                square = self.radius[p] * ti.max(overlap, 0.0)
+                self.lay(i, number, inward, radius - 0.5 * overlap, square)
                 number += 1
         if number == 1:
             self.rest(self.entry[base])
             number = 0
         self.count[i] = number
         return number
+
+    @ti.func
+    def lay(self, i, number, inward, depth, square):
+        """Note what a way to solve needs of a contact of particle ``i`` from which the unit vector
+        ``inward`` points to the centre, in the distance ``depth``, m; ``square`` is that of its
+        radius, m2, and ``number`` counts the contacts noted before."""
 
     @ti.func
     def rest(self, entry):
@@ -171,29 +149,3 @@ class Expansions:
         ti.atomic_max(self.largest[None], both)
         if not (both < USED * self.control.reach[None]):
             self.control.raise_flag(STALE)
-
-    @ti.func
-    def update(self, i):
-        """Expansions of particle ``i`` for the next step, by the forces of this one."""
-        number, base = self.gather(i), self.contacts.incidence_start[i]
-        k = self.bulk(i)
-        for a in range(base, base + number):
-            load = self.contacts.history[self.entry[a] >> 1].normal_force
-            inward, depth, least = self.inward[a], self.depth[a], self.least[a]
-            answer = 0.0
-            for b in range(base, a):
-                other = self.load[b]
-                if load != 0.0 or other != 0.0:
-                    raised = self.law.published(
-                        k,
-                        inward.dot(self.inward[b]),
-                        depth,
-                        self.depth[b],
-                        ti.max(least, self.least[b]),
-                    )
-                    answer += raised[0] * other
-                    self.answer[b] = self.answer[b] + raised[1] * load
-            self.load[a], self.answer[a] = load, answer
-        for a in range(base, base + number):
-            entry = self.entry[a]
-            self.contacts.history[entry >> 1].expansion[entry & 1] = self.answer[a]

@@ -13,7 +13,7 @@ from taichi_dem.effects import Effects
 from taichi_dem.ground_past import PAST, ground_type
 from taichi_dem.material import Material
 from taichi_dem.particles import Particles
-from taichi_dem.past import extrapolated, shifted
+from taichi_dem.past import best, extrapolated, judged, shifted
 from taichi_dem.substrate import Substrate
 from taichi_dem.types import real, ti, vec2, vec3
 
@@ -204,7 +204,8 @@ class GroundContacts:
     @ti.func
     def expected(self, i):
         """The displacement that the past steps lead one to expect."""
-        return extrapolated(self.ground[i].past, self.ground[i].age)
+        ground = self.ground[i]
+        return extrapolated(ground.past, best(ground.missed, ground.age))
 
     @ti.func
     def expected_shift(self, i):
@@ -221,6 +222,7 @@ class GroundContacts:
         """Keep what came back for particle ``i``, and watch the assumptions; ``depth`` is how deep
         the contact is, ``sunk`` what -``expansion`` is to within the residual."""
         ground, touched = self.ground[i], 0
+        ground.missed = judged(ground.missed, ground.past, ground.age, sunk)
         ground.past = shifted(ground.past, sunk)
         if ti.static(self.finite):
             ground.past_x = shifted(ground.past_x, slope[0])

@@ -5,10 +5,11 @@ from typing import Any
 from taichi_dem.extrapolation import course_members
 from taichi_dem.types import real, ti, vec2, vec3
 
-PAST = 4  # displacements kept: the next one is extrapolated from them by a cubic
-DRIFTS = 3
+PAST = 4  # displacements kept: the next one is extrapolated from them
+DRIFTS = 2
 
 past_values = ti.types.vector(PAST, real)
+past_misses = ti.types.vector(PAST - 1, real)
 past_drifts = ti.types.vector(DRIFTS, real)
 
 
@@ -23,6 +24,7 @@ def ground_type(finite: bool, extrapolates: bool, spreads: bool) -> Any:
         force=real,  # elastic, N
         stored=real,  # in the surface, on account of this contact, J
         past=past_values,  # displacements of the last steps, latest first, m
+        missed=past_misses,  # by how much lines, parabolas, cubics through them miss, m
         drift=past_drifts,  # what of their changes the solve's matrix does not explain, m
         drifts=ti.i32,  # how many of those there are
         **slopes,

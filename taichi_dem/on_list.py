@@ -22,6 +22,7 @@ from taichi_dem.geometry import Geometry
 from taichi_dem.grid import Grid
 from taichi_dem.integrate import Verlet
 from taichi_dem.joint import JointExpansions
+from taichi_dem.lagged_expansions import LaggedExpansions
 from taichi_dem.meeting import Meeting
 from taichi_dem.neighbors import Neighbors
 from taichi_dem.particles import Particles
@@ -103,7 +104,7 @@ def _expansions(standing: Standing, contacts: ContactList, pairs: int) -> Expans
     held = standing.effects.reach
     given = law.surface, tables["surface"].table, geometry, contacts, standing.control, held
     if law.surface.lagged:
-        return Expansions(*given)
+        return LaggedExpansions(*given)
     needs: dict[str, Any] = {
         "normal": law.normal,
         "normal_table": tables["normal"].table,

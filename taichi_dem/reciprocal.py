@@ -14,6 +14,10 @@ class ReciprocalExpansions(Expansions):
     influence   M of each particle, one triangle after the other; those of i from first_pair[i] on
     turning, deepening  derivatives of M by the cosine of the angle between the contacts, 0 where
                 the distance is cut off, and by one of the two 1/a, that distance apart
+    inward      of each place, the unit vector from the contact to the centre
+    curvature   of each place, the inverse of the distance between the two, 1/m
+    least       of each place, the contact radius, m
+    load        of each place, the force there, N; answer, m, what the body's surface rises by
     cut         of each particle: pairs whose distance is cut off
     turned, deeper, wider  of each place, sums over the others of the sphere: force derivatives
     separation  of each contact: distance of the centres (m), infinite to a wall
@@ -34,6 +38,11 @@ class ReciprocalExpansions(Expansions):
         self.rise, self.pull = ti.field(real), ti.Vector.field(3, real)
         for field in (self.rise, self.pull):
             builder.dense(ti.i, 2 * capacity).place(field)
+        self.inward = ti.Vector.field(3, real)
+        builder.dense(ti.i, 2 * capacity).place(self.inward)
+        for name in "curvature least load answer".split():
+            setattr(self, name, ti.field(real))
+            builder.dense(ti.i, 2 * capacity).place(getattr(self, name))
         self.turned, self.deeper = ti.Vector.field(3, real), ti.field(real)
         self.wider = ti.field(real)
         for field in (self.turned, self.deeper, self.wider):
@@ -60,6 +69,12 @@ class ReciprocalExpansions(Expansions):
             self.first_pair[i] = total
             total += number * (number - 1) // 2
         return total
+
+    @ti.func
+    def lay(self, i, number, inward, depth, square):
+        place = self.contacts.incidence_start[i] + number
+        self.inward[place] = inward
+        self.curvature[place], self.least[place] = 1.0 / depth, ti.sqrt(square)
 
     @ti.func
     def match(self, i):

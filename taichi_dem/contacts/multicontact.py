@@ -126,19 +126,22 @@ class MultiContact:
 
     @staticmethod
     @ti.func
-    def published(k, cosine, first, second, least):
-        """(B): what a load at the ``second`` distance a raises at the first, and the other way
-        round; n_j.n_k is the ``cosine``, and r at ``least`` the third length."""
-        square = first * first + second * second - 2.0 * first * second * cosine
-        inverse = 1.0 / ti.max(ti.sqrt(ti.max(square, 0.0)), least)
-        p = (first - second * cosine) * inverse  # n_1.u, u from 1 to 2
-        q = (first * cosine - second) * inverse  # n_2.u
-        nu = k.poissons_ratio
-        common = p * q + (3.0 - 4.0 * nu) * cosine
-        shared = (1.0 - 2.0 * nu) / ((1.0 + p) * (1.0 - q))
-        there = common - shared * (cosine + q) * (1.0 - q)
-        back = common - shared * (cosine - p) * (1.0 + p)
-        return -k.compliance * inverse * vec2(back, there)
+    def published(k, cosine, here, there, least_square):
+        """M of (B) over -gamma (1+nu) / (2 pi E), 1/m, by a load at the distance a_k = ``there`` on
+        a_j = ``here``; n_j.n_k is the ``cosine``, and r^2 at least ``least_square``.  With
+        f = r n_k.u and g = n_j.u it is
+
+            f g/r^2 + (3-4nu) n_k.n_j/r - (1-2nu) (n_k.n_j + g)/(r+f)
+        """
+        near = there - here * cosine  # f
+        far = there * cosine - here  # r g
+        square = there * near - here * far
+        r = ti.sqrt(ti.select(square > least_square, square, least_square))
+        both = 1.0 / (r * (r + near))
+        inverse, reach = both * (r + near), both * r
+        nu, g = k.poissons_ratio, far * inverse
+        straight = inverse * (near * inverse * g + (3.0 - 4.0 * nu) * cosine)
+        return straight - (1.0 - 2.0 * nu) * ((cosine + g) * reach)
 
     @staticmethod
     @ti.func

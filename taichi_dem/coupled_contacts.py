@@ -14,6 +14,7 @@ Loops over contacts count by themselves: of a ``for`` the compiler would make co
 vectorised, that gain nothing here and take a third of the time to load the kernel.
 """
 
+from taichi_dem.contacts.roots import inverse_cube_root
 from taichi_dem.pair_sums import PairSums, of
 from taichi_dem.types import real, ti
 
@@ -90,7 +91,8 @@ class CoupledContacts:
             self.sums.y[k] = self.sums.y[k] + self.shift_y[k]
             square = 0.0
             if self.force[k] > 0.0:
-                square = ti.pow(self.size[k] * self.force[k], 2.0 / 3.0)
+                cube = self.size[k] * self.force[k]
+                square = cube * inverse_cube_root(cube)
             self.sums.square[k] = square
 
     @ti.func

@@ -16,8 +16,9 @@ LAYERS = {
     "scene": "validation material shapes periodic overlaps packing sphere_files spheres substrate "
     "scene time_step writing tables toml_text run_plan reading scene_file scene_writer",
     "kernels": "types control particles effects contact_list grid neighbors boundaries geometry "
-    "past expansions reciprocal expansion_passes expansion_newton coefficients forces pair_sums "
-    "coupled_contacts coupling lagged_surface doubts extrapolation ground_past ground_contacts "
+    "past expansions lagged_expansions reciprocal expansion_passes expansion_newton coefficients "
+    "forces pair_sums coupled_contacts coupling lagged_surface doubts extrapolation ground_past "
+    "ground_contacts "
     "exchange joint pressed creep members hosted lagged integrate meeting step drivers energy "
     "guards views sleep pace ground ground_view on_list good_state engine memory",
     "simulation": "alerts asked schedule simulation moments neglect",

@@ -177,9 +177,8 @@ def test_ctrl_c_leaves_what_there_is(tmp_path):
     command = [sys.executable, "-m", "taichi_dem", "study", str(tmp_path / "scene.toml")]
     command += ["-o", str(folder), "--duration", "2e-3", "--knobs", "step", "--rounds", "1000"]
     env = {**os.environ, "PYTHONPATH": str(ROOT)}
-    heard = partial(
-        signal.signal, signal.SIGINT, signal.SIG_DFL
-    )  # also from what runs behind a shell
+    # A shell has what it puts in the background ignore the signal, and children inherit that.
+    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
     run = subprocess.Popen(command, env=env, stdout=subprocess.PIPE, text=True, preexec_fn=heard)
     while run.poll() is None and not ((folder / TABLE).exists() and rows(folder)):
         time.sleep(0.1)

@@ -68,7 +68,7 @@ def _size(count: int, grounded: int, options: argparse.Namespace) -> list[Figure
 def _sums(simulation: dem.Simulation) -> np.ndarray:
     """Exact ones since the start, and products of the kept matrix."""
     solver = simulation._engine.exchange.solver
-    return np.array([solver.evaluations[None], solver.applications[None]])
+    return np.array([solver.exact_sums[None], solver.products[None]])
 
 
 def _stirred(bed: beds.Bed) -> np.ndarray:

@@ -47,9 +47,9 @@ class CoupledContacts:
         self.phase, self.tries, self.stale = (ti.field(ti.i32) for _ in range(3))
         self.residual = ti.field(real)
         # How often since the start: exact sums, and products of the kept matrix.
-        self.evaluations, self.applications = ti.field(ti.i64), ti.field(ti.i64)
+        self.exact_sums, self.products = ti.field(ti.i64), ti.field(ti.i64)
         builder.place(self.phase, self.tries, self.stale, self.residual)
-        builder.place(self.evaluations, self.applications)
+        builder.place(self.exact_sums, self.products)
         self.live, self.anchored = ti.field(ti.i32), ti.field(ti.i32)
         builder.dense(ti.i, capacity).place(self.live, self.anchored)
         for name in (
@@ -123,7 +123,7 @@ class CoupledContacts:
             self.place(k)
             k += 1
         self.sums.gather_sources()
-        self.evaluations[None] += 1
+        self.exact_sums[None] += 1
         self.phase[None] = EVALUATE
 
     @ti.func

@@ -171,7 +171,7 @@ class CoupledSolve(CoupledContacts):
     def check_model(self) -> ti.i32:
         """Whether the model is solved, and the truth to be asked again."""
         error, before, solved = 0.0, self.model_error[None], 0
-        self.applications[None] += 1
+        self.products[None] += 1
         k = 0
         while k < self.count[None]:
             error = ti.max(error, self.miss(k, self.base[k] - of(self.sums.image, k)))
@@ -203,7 +203,7 @@ class CoupledSolve(CoupledContacts):
     def conjugate(self) -> ti.i32:
         """One round of conjugate gradients; returns whether it was the last."""
         curvature, before = 0.0, self.product[None]
-        self.applications[None] += 1
+        self.products[None] += 1
         k = 0
         while k < self.count[None]:
             self.image[k] = 0.0

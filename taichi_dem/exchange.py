@@ -132,7 +132,7 @@ class Exchange(GroundContacts):
         """:meth:`forget`, and count from zero again."""
         self.forget()
         self.doubts.restart()
-        self.solver.evaluations[None] = self.solver.applications[None] = 0
+        self.solver.exact_sums[None] = self.solver.products[None] = 0
         if self.extrapolates:
             self.between.largest[None] = 0.0
 

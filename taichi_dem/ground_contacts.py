@@ -211,18 +211,20 @@ class GroundContacts:
     def expected_shift(self, i):
         """Likewise the point of contact."""
         ground = self.ground[i]
-        slope_x = extrapolated(ground.past_x, ground.age)
-        slope_y = extrapolated(ground.past_y, ground.age)
-        if ti.static(self.lagged):
-            slope_x, slope_y = ground.slope[0], ground.slope[1]
-        return self.particles.body[i].radius * vec2(slope_x, slope_y)
+        slope = ground.slope
+        if ti.static(not self.lagged):
+            number = best(ground.missed, ground.age)
+            slope[0] = extrapolated(ground.past_x, number)
+            slope[1] = extrapolated(ground.past_y, number)
+        return self.particles.body[i].radius * slope
 
     @ti.func
     def receive(self, i, depth, expansion, sunk, force, slope):
         """Keep what came back for particle ``i``, and watch the assumptions; ``depth`` is how deep
         the contact is, ``sunk`` what -``expansion`` is to within the residual."""
         ground, touched = self.ground[i], 0
-        ground.missed = judged(ground.missed, ground.past, ground.age, sunk)
+        if ti.static(not self.lagged):
+            ground.missed = judged(ground.missed, ground.past, ground.age, sunk)
         ground.past = shifted(ground.past, sunk)
         if ti.static(self.finite):
             ground.past_x = shifted(ground.past_x, slope[0])

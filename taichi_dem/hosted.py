@@ -90,7 +90,7 @@ class HostedExchange:
         except halfspace.NotConverged as error:
             self.give_up(NO_EQUILIBRIUM_ON_LAYER if self.exchange.layered else NO_EQUILIBRIUM)
             found = error.state
-        self.exchange.solver.applications[None] += found.applications
+        self.exchange.solver.exact_sums[None] += found.applications
         depth = effective = found.overlap
         if self.creep is not None:
             spheres = now.pressed

@@ -204,7 +204,7 @@ class JointExpansions(ImplicitExpansions):
     def take_product(self):
         """What the matrix makes of the loads that it was asked about."""
         solver = self.solver
-        solver.applications[None] += 1
+        solver.products[None] += 1
         solver.phase[None] = DONE
         curvature = self.total()[1]
         if self.asked[None] == WEIGH:

@@ -1,5 +1,6 @@
 """Expansions by the forces of the step before."""
 
+from taichi_dem.blocks import block_field
 from taichi_dem.expansions import Expansions
 from taichi_dem.types import real, ti, vec2
 
@@ -27,9 +28,7 @@ class LaggedExpansions(Expansions):
         builder.dense(ti.i, self.contacts.capacity).place(self.swollen)
         blocks = 1 + (2 * self.contacts.capacity + (LANES - 1) * self.particles.count) // LANES
         for name in "inward_x inward_y inward_z depth square load".split():
-            setattr(self, name, ti.field(real))
-            # Only so does the compiler know that the lanes of any block lie side by side.
-            builder.dense(ti.i, blocks).dense(ti.j, LANES).place(getattr(self, name))
+            setattr(self, name, block_field(builder, blocks, LANES))
 
     @ti.func
     def block(self, i):

@@ -16,6 +16,7 @@ A row is summed in the order of the contacts by whoever it is: no bit depends on
 import math
 
 from halfspace.finite import INNER, TOUCHING
+from taichi_dem.blocks import block_field
 from taichi_dem.types import real, ti
 
 SHIFT = 3
@@ -79,9 +80,7 @@ class PairSums:
             setattr(self, name, ti.field(real))
             builder.dense(ti.i, rows).place(getattr(self, name))
         for name in "displacement potential slope_x slope_y nearest image".split():
-            setattr(self, name, ti.field(real))
-            # Only so does the compiler know that the lanes of any block lie side by side.
-            builder.dense(ti.i, blocks).dense(ti.j, LANES).place(getattr(self, name))
+            setattr(self, name, block_field(builder, blocks, LANES))
         self.moved, self.load_place = ti.field(ti.i32), ti.field(ti.i32)
         builder.dense(ti.i, rows).place(self.moved)
         builder.dense(ti.i, rows).place(self.load_place)
@@ -183,7 +182,6 @@ class PairSums:
                 self.potential[block, lane] += force * kernel.value
                 self.slope_x[block, lane] -= 2.0 * force * kernel.by_square * dx
                 self.slope_y[block, lane] -= 2.0 * force * kernel.by_square * dy
-
             j += 1
 
     # -- the kept matrix -------------------------------------------------------------------------

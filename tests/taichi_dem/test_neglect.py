@@ -226,7 +226,9 @@ def test_the_size_of_contacts_is_that_of_two_close_ones():
     place = np.array([[0, 0, RADIUS - depth], [apart, 0, RADIUS - depth]])
     spheres = dataclasses.replace(given.spheres, position=place)
     sim = dem.Simulation(dataclasses.replace(given, spheres=spheres, boundaries=()))
-    effect = {effect.name: effect for effect in sim.neglected()}["finite contact size"]
+    effects = {effect.name: effect for effect in sim.neglected()}
+    assert set(effects) == {"finite contact size", "multi-contact"}
+    effect = effects["finite contact size"]
 
     def forces(force, sized):
         square = sized * (3 * force * RADIUS / (4 * PLANE_MODULUS / 2)) ** (2 / 3)

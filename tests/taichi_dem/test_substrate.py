@@ -465,10 +465,10 @@ def test_at_most_six_applications_a_step_at_rho_7():
     sim = dem.Simulation(setup)
     restart(sim, velocity=velocity, dt=2 * np.pi / rate / 40)
     solver = sim._engine.exchange.solver
-    sums, products = solver.evaluations[None], solver.applications[None]
+    sums, products = solver.exact_sums[None], solver.products[None]
     sim.run(steps=400)
     assert len(sim.substrate.force) == n * n
-    sums, products = solver.evaluations[None] - sums, solver.applications[None] - products
+    sums, products = solver.exact_sums[None] - sums, solver.products[None] - products
     assert sums <= 1.2 * sim.steps
     assert sums + products <= 6 * sim.steps
     assert abs(sim.energy()["balance_error"]) < 1e-3 * n * n * force * overlap

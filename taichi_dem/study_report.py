@@ -97,6 +97,7 @@ def picture(study: Any) -> Figure:
         zorder=0,
     )
     axes.set(xscale="log", yscale="log")
+    style.label_few_decades(axes.xaxis)
     axes.set_xlabel("wall time per simulated second (s/s)")
     axes.set_ylabel("worst error of the ensemble's means" if study.chaotic else "worst error")
     style.legend(axes)

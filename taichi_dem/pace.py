@@ -1,5 +1,6 @@
 """What is tuned while a simulation runs: the skin, by counts; the driver, by the clock."""
 
+import math
 import time
 from collections.abc import Callable
 
@@ -11,7 +12,8 @@ LOOPS_ABOVE = 2000  # below, waking them for every loop never pays
 PARALLEL_ABOVE = 200_000  # it always does
 TRIAL_STEPS = 20  # at least; small scenes make more, so that waking threads does not count
 TRIAL_WORK = 200_000  # particle-steps
-TRIAL_LASTS = 10.0  # s, until the ways are tried again
+TRIAL_LASTS = 10.0  # s, at least, until the ways are tried again
+TRIAL_PAYS = 100.0  # times as long as it took
 BURST = 2000  # steps that a team makes at most before it is asked how it goes
 DISTURBED = 2.0  # times as slow as in its trial
 NEVER = 2**62  # steps
@@ -72,6 +74,7 @@ class Pace:
     def __init__(self, particles: int, asked: str, together: Callable[[], bool]):
         self._particles, self._asked, self._together = particles, asked, together
         self._ways: list[str] = []
+        self._next_trial = math.inf
         self._trial_steps = max(TRIAL_STEPS, TRIAL_WORK // particles)
         self._trials: list[str] = []
 
@@ -109,7 +112,7 @@ class Pace:
         there_and_back = [*self._ways, *reversed(self._ways)]
         self._trials = there_and_back if len(self._ways) > 1 else []
         self._cost: dict[str, float] = {}
-        self._warm, self._tried = "", time.perf_counter()
+        self._warm, self._took = "", 0.0
 
     def advance(self, steps: int, ways: dict[str, Callable[[int], int]]) -> int:
         """Make at most ``steps`` steps; returns how many were made."""
@@ -122,7 +125,7 @@ class Pace:
         cost = (end - start) / max(made, 1)
         # A bed may have settled, or others may have come to use the cores.
         disturbed = cost > DISTURBED * self._cost.get(driver, cost)
-        if disturbed or end - self._tried > TRIAL_LASTS:
+        if disturbed or end > self._next_trial:
             self._begin_trials()
         return made
 
@@ -133,10 +136,12 @@ class Pace:
             return ways[name](1)
         start = time.perf_counter()
         made = ways[name](min(steps, self._trial_steps))
-        cost = (time.perf_counter() - start) / max(made, 1)
+        end = time.perf_counter()
+        self._took += end - start
+        cost = (end - start) / max(made, 1)
         self._cost[name] = min(cost, self._cost.get(name, cost))
         self._trials.pop(0)
         if not self._trials:
             self._fastest = min(self._cost, key=lambda tried: self._cost[tried])
-            self._tried = time.perf_counter()
+            self._next_trial = end + max(TRIAL_LASTS, TRIAL_PAYS * self._took)
         return made

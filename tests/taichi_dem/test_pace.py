@@ -102,3 +102,24 @@ def test_a_way_that_is_disturbed_in_one_trial_is_chosen_for_its_better_one(monke
     for _ in range(10):
         chooser.advance(1000, ways)
     assert chooser.driver == "serial"
+
+
+def test_trials_take_a_hundredth_of_the_time(monkeypatch):
+    clock, trying = [0.0], [0.0]
+    monkeypatch.setattr(pace.time, "perf_counter", lambda: clock[0])
+
+    def way(name, cost):
+        def make(steps):
+            clock[0] += steps * cost
+            trying[0] += steps * cost * (name != "team")
+            return steps
+
+        return make
+
+    ways = {"serial": way("serial", 2e-2), "team": way("team", 1e-2), "parallel": way("p", 1.5e-2)}
+    chooser = pace.Pace(100_000, "auto", lambda: True)
+    while clock[0] < 2000.0:
+        chooser.advance(200, ways)
+    assert chooser.driver == "team"
+    one = 2 * (pace.TRIAL_STEPS + 1) * (2e-2 + 1.5e-2)
+    assert 2 * one <= trying[0] <= 0.01 * clock[0] + one

@@ -28,6 +28,7 @@ def settled(
     from taichi_dem.neglect import turned_on
 
     duration = _duration(plan)
+    say(f"short runs, to choose settings for an error of {asked:g} …")
     choice = choose(scene, duration, asked, plan.estimate_neglected)
     if choice.missing and left_out == "refuse":
         rules = [f"cannot be met: {effect.sentence(asked)}" for effect in choice.missing]

@@ -5,6 +5,9 @@ halving, until the asked error lies between two steps or the errors fall in a st
 off the line between them in the logarithms. Coupling and residual are loosened as long as the error
 of their own stays a small share of what is asked; the step gets the rest. At that step the ground
 is solved for as seldom as what this adds stays such a share, or within what the step leaves.
+
+What short runs have not seen is not loosened: not the ground's settings where nothing has touched
+it, nor the coupling where more of the run is to come and contacts with the ground still arrive.
 """
 
 from __future__ import annotations
@@ -21,7 +24,7 @@ from taichi_dem.guards import SimulationStopped
 from taichi_dem.neglect import Neglected
 from taichi_dem.pilot import Pilot
 from taichi_dem.scene import Scene
-from taichi_dem.settings import EVERY, Settings
+from taichi_dem.settings import EVERY, VALUES, Settings
 from taichi_dem.study_report import described
 from taichi_dem.wording import quantity
 
@@ -38,8 +41,9 @@ LOWEST, HIGHEST = 0.5, 4.0  # orders that are believed
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """``settings`` and the error that they are ``expected`` to have over the first ``window`` (s)
-    of the run; ``limit`` says what kept them from being cheaper, or from meeting what was asked."""
+    """``settings`` and the error that they are ``expected`` to have over ``window`` (s) of the run
+    from ``start`` (s) on, before which nothing touches; ``limit`` says what kept them from being
+    cheaper, or from meeting what was asked, and ``unseen`` what the window says nothing about."""
 
     settings: Settings
     asked: float
@@ -49,6 +53,8 @@ class Choice:
     limit: str
     measured: dict[str, float]  # step (s, as text) to error
     left_out: tuple[Neglected, ...] = ()
+    start: float = 0.0
+    unseen: str = ""
 
     @property
     def missing(self) -> list[Neglected]:
@@ -60,9 +66,11 @@ class Choice:
         return {
             "asked": self.asked,
             "expected": self.expected,
+            "compared_from_s": self.start,
             "compared_over_s": self.window,
             "trajectories_part": self.chaotic,
             "limit": self.limit,
+            "unseen": self.unseen,
             "settings": dataclasses.asdict(self.settings),
             "measured": self.measured,
             "left_out": {effect.name: effect.summary(self.asked) for effect in self.left_out},
@@ -71,9 +79,13 @@ class Choice:
     def words(self) -> Iterator[str]:
         """For people."""
         yield f"settings: {described(self.settings)}, limited by {self.limit}"
-        part = "before trajectories part" if self.chaotic else "of the run"
-        over = quantity(self.window, "s")
-        yield f"expected error {self.expected:.2g} over the first {over} {part}"
+        over, part = quantity(self.window, "s"), " before trajectories part" if self.chaotic else ""
+        span = f"the first {over}{part or ' of the run'}"
+        if self.start > 0:
+            span = f"{over} from t = {quantity(self.start, 's')} on{part}; nothing touches before"
+        yield f"expected error {self.expected:.2g} over {span}"
+        if self.unseen:
+            yield self.unseen
         for effect in self.missing:
             yield f"not in this error: {effect.sentence(self.asked)}"
 
@@ -90,9 +102,13 @@ def choose(scene: Scene, duration: float, asked: float, estimate: bool = True) -
 def choose_by(pilot: Pilot, asked: float) -> Choice:
     """:func:`choose`, by the runs of a pilot that there is already."""
     coarse = pilot.tight.but("step", pilot.stable)
-    settings, used = _coupling(pilot, coarse, asked)
-    settings, more = _residual(pilot, settings, asked)
-    used += more
+    unseen = _unseen(pilot, coarse)
+    if unseen:
+        settings, used = Settings.of(pilot.scene, pilot.stable), 0.0
+    else:
+        settings, used = _coupling(pilot, coarse, asked)
+        settings, more = _residual(pilot, settings, asked)
+        used += more
     goal = AIM * asked - used
     steps, errors = _errors_of_steps(pilot, goal)
     step, expected = _step_for(goal, steps, errors)
@@ -111,14 +127,28 @@ def choose_by(pilot: Pilot, asked: float) -> Choice:
         pilot.chaotic,
         limit,
         {f"{h:.4g}": e for h, e in zip(steps.tolist(), errors.tolist(), strict=True)},
+        start=pilot.start,
+        unseen=unseen,
     )
+
+
+def _unseen(pilot: Pilot, tight: Settings) -> str:
+    """What the short runs tell nothing about, if they do not tell all, for people."""
+    if not pilot.touching(tight):
+        return "nothing touched anything in that time: the error is that of free flight"
+    if tight.coupling is not None and pilot.grounded(tight) == 0:
+        return "nothing touched the ground in that time: its settings are the scene's own"
+    return ""
 
 
 def _coupling(pilot: Pilot, tight: Settings, asked: float) -> tuple[Settings, float]:
     """The loosest coupling whose own error is small, and that error."""
     if tight.coupling is None:
         return tight, 0.0
-    for coupling in ("none", "point"):
+    loosest = VALUES["coupling"]
+    if not (pilot.whole or pilot.steady(tight)):
+        loosest = loosest[loosest.index(Settings.of(pilot.scene, 0.0).coupling) :]
+    for coupling in loosest:
         loose = tight.but("coupling", coupling)
         if coupling != tight.coupling and loose.accepted(pilot.scene):
             own = _own_error(pilot, loose, tight)

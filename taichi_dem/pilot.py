@@ -2,17 +2,20 @@
 
 A pilot covers a run from its start for as long as trajectories are comparable, and no longer than
 ``MOST_WORK`` particle-steps at the stable step take (a count, so that the same scene gives the same
-settings on every machine).
+settings on every machine).  Where that is not the whole run, it starts when something is about to
+touch: of spheres in flight no setting can be judged.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
 
 import numpy as np
 
 from taichi_dem import accuracy
 from taichi_dem.contact_list import SUBSTRATE
+from taichi_dem.guards import SimulationStopped
 from taichi_dem.moments import Moments
 from taichi_dem.neglect import Neglected, neglected
 from taichi_dem.record import SAMPLES, Record, even_step, record
@@ -21,13 +24,17 @@ from taichi_dem.settings import EVERY, Settings
 from taichi_dem.simulation import Simulation
 
 MOST_WORK = 1e7  # particle-steps
+LOOKS = 8  # in as much time as that, for the end of a flight
+STRAIGHT = 1e-9  # radii, off the parabola that a sphere follows which touches nothing
+STEADY = 0.5  # of the most contacts with the ground, there from the start
 
 
 class Pilot:
     """Runs of ``scene``, ``duration`` (s) long, with any settings; each is computed once.
 
-    ``window``: s from the start that are compared; ``chaotic``: whether that is less than all
-    because trajectories part; ``stable``: the stable step, s.
+    ``window``: s from ``start`` (s) that are compared; ``chaotic``: whether that is less than all
+    because trajectories part; ``whole``: whether it is all of the run but for a flight; ``stable``:
+    the stable step, s.
     """
 
     def __init__(self, scene: Scene, duration: float):
@@ -37,8 +44,11 @@ class Pilot:
         self._steep: set[Settings] = set()
         self.tight = Settings.tightest(scene, 0.0)
         stable = self._simulation(self.tight).stable.value
+        self.start, self.chaotic = 0.0, False
         self.window = min(duration, MOST_WORK / scene.spheres.count * stable)
-        self.chaotic = False
+        if self.window < duration:
+            self._skip_flight(duration)
+            self.window = min(duration - self.start, self.window)
         last = 0
         while last < accuracy.FEWEST:
             self.stable = even_step(stable, self.window)  # so that halves of it are halves
@@ -49,6 +59,33 @@ class Pilot:
                 self.window *= max(last, 1) / first.samples
                 self._records.clear()
         self.stable = even_step(stable, self.window)
+        self.whole = self.start + self.window >= duration * (1 - 1e-9)
+
+    def _skip_flight(self, duration: float) -> None:
+        """Start at the last look before anything touches, if there is one."""
+        if any(boundary.moves for boundary in self.scene.boundaries):
+            return
+        sim, spheres = self._simulation(self.tight), self.scene.spheres
+        sim.restart()
+        begun, gravity = sim.time, np.array(self.scene.gravity)
+        position, velocity = np.array(sim.particles.position), np.array(sim.particles.velocity)
+        while sim.time + self.window / LOOKS < duration:
+            begun, at, moving = sim.time, position, velocity
+            try:
+                sim.run(duration=self.window / LOOKS)
+            except SimulationStopped:
+                break
+            position, velocity = np.array(sim.particles.position), np.array(sim.particles.velocity)
+            passed = sim.time - begun
+            off = at + passed * (moving + 0.5 * passed * gravity) - position
+            if (np.abs(off) > STRAIGHT * spheres.radius[:, None]).any():
+                break
+        else:
+            return
+        if begun > 0:
+            flown = dataclasses.replace(spheres, position=at, velocity=moving)
+            self.scene, self.start = dataclasses.replace(self.scene, spheres=flown), begun
+            self._simulations.clear()
 
     def record(self, settings: Settings) -> Record:
         """What a run with ``settings`` gives."""
@@ -66,11 +103,24 @@ class Pilot:
         self.record(settings)
         return settings in self._steep
 
+    def touching(self, settings: Settings) -> bool:
+        """Whether there is a contact at all."""
+        return len(self.record(settings).contact) > 0
+
     def grounded(self, settings: Settings) -> int:
         """The most contacts with the substrate at a time."""
+        return int(self._grounded(settings).max())
+
+    def steady(self, settings: Settings) -> bool:
+        """Whether what is on the ground has been there from the start, so that what comes after the
+        window will be like what is in it."""
+        grounded = self._grounded(settings)
+        return bool(grounded[0] >= STEADY * grounded.max())
+
+    def _grounded(self, settings: Settings) -> np.ndarray:
         contact = self.record(settings).contact
         samples = contact[contact[:, 2] == SUBSTRATE, 0].astype(np.int64)
-        return int(np.bincount(samples, minlength=1).max())
+        return np.bincount(samples, minlength=1)
 
     def left_out(self) -> list[Neglected]:
         """What the effects would change that no setting turns on (:mod:`taichi_dem.neglect`)."""

@@ -20,7 +20,7 @@ from taichi_dem.pilot import Pilot
 class Made:
     """A pilot whose runs err by ``constant`` step^``order``."""
 
-    stable, window, chaotic, scene = 1.0, 1.0, False, None
+    stable, start, window, whole, chaotic, scene = 1.0, 0.0, 1.0, True, False, None
 
     def __init__(self, constant, order):
         self.constant, self.order = constant, order
@@ -31,6 +31,9 @@ class Made:
         self.finest = min(self.finest, reference.step)
         away = settings.step**self.order - reference.step**self.order
         return {"trajectory": self.constant * away}
+
+    def touching(self, settings):
+        return True
 
 
 @pytest.mark.parametrize("order", [1.0, 1.5, 2.0])
@@ -111,6 +114,69 @@ def test_ground_that_is_never_solved_for_rarely_is_left_alone():
     pilot.scene = dataclasses.replace(bobbing(), substrate=creeps)
     pilot.tight = choice.Settings.tightest(pilot.scene, 0.0)
     assert choice.choose_by(pilot, 1e-3).settings.exchange == "implicit"
+
+
+class Uncoupled(Grounded):
+    """One whose contacts on the ground do not feel each other yet."""
+
+    def __init__(self, *, whole, steady, contacts=16):
+        super().__init__(1e-6, contacts)
+        self.whole, self.is_steady = whole, steady
+        given = dataclasses.replace(self.scene.substrate, coupling="point", residual=3e-5)
+        self.scene = dataclasses.replace(self.scene, substrate=given)
+
+    def distance(self, settings, reference):
+        return {"trajectory": 0.0}
+
+    def steady(self, settings):
+        return self.is_steady
+
+
+@pytest.mark.parametrize(
+    ("pilot", "coupling"),
+    [
+        (Uncoupled(whole=True, steady=False), "none"),
+        (Uncoupled(whole=False, steady=True), "none"),
+        (Uncoupled(whole=False, steady=False), "point"),
+        (Uncoupled(whole=True, steady=True, contacts=0), "point"),
+    ],
+)
+def test_coupling_is_left_out_only_where_all_contacts_were_seen(pilot, coupling):
+    found = choice.choose_by(pilot, 1e-2)
+    assert found.settings.coupling == coupling
+    unseen = pilot.contacts == 0
+    assert (found.settings.residual == 3e-5) == unseen
+    assert any("nothing touched the ground" in line for line in found.words()) == unseen
+
+
+def falling(height):
+    setup = bobbing()
+    up = setup.spheres.position + (0, 0, height * R)
+    return dataclasses.replace(setup, spheres=dataclasses.replace(setup.spheres, position=up))
+
+
+def test_a_pilot_that_is_shorter_than_the_run_skips_the_flight(monkeypatch):
+    """Of 31 ms; without, it would find all settings good."""
+    setup = falling(1.0)
+    lands = np.sqrt(2 * 0.98 * R / 9.81)
+    stable = dem.Simulation(setup).stable.value
+    monkeypatch.setattr("taichi_dem.pilot.MOST_WORK", 2 * 0.01 / stable)  # so many of 10 ms
+    pilot = Pilot(setup, 0.1)
+    assert pilot.window == pytest.approx(0.01) and not pilot.whole
+    assert lands - 0.01 / 8 <= pilot.start <= lands
+    moved = falling(1.0).spheres.position[:, 2] - 0.5 * 9.81 * pilot.start**2
+    assert pilot.scene.spheres.position[:, 2] == pytest.approx(moved, rel=1e-9)
+    told = choice.choose_by(pilot, 1e-2)
+    assert told.settings.coupling == "finite" and told.unseen == ""
+    assert any("nothing touches before" in line for line in told.words())
+    assert told.summary()["compared_from_s"] == pilot.start
+
+
+def test_of_flight_alone_nothing_is_learnt():
+    pilot = Pilot(falling(10.0), 0.01)
+    told = choice.choose_by(pilot, 1e-2)
+    assert pilot.start == 0.0 and "free flight" in told.unseen
+    assert told.settings == choice.Settings.of(pilot.scene, told.settings.step)
 
 
 def test_the_error_found_is_about_the_one_asked():

@@ -54,7 +54,13 @@ class Choice:
     measured: dict[str, float]  # step (s, as text) to error
     left_out: tuple[Neglected, ...] = ()
     start: float = 0.0
+    stable: float = 0.0  # the stable step, s
     unseen: str = ""
+
+    @property
+    def met(self) -> bool:
+        """Whether it is expected to be what was asked."""
+        return self.expected <= self.asked
 
     @property
     def missing(self) -> list[Neglected]:
@@ -66,6 +72,7 @@ class Choice:
         return {
             "asked": self.asked,
             "expected": self.expected,
+            "met": self.met,
             "compared_from_s": self.start,
             "compared_over_s": self.window,
             "trajectories_part": self.chaotic,
@@ -78,12 +85,16 @@ class Choice:
 
     def words(self) -> Iterator[str]:
         """For people."""
-        yield f"settings: {described(self.settings)}, limited by {self.limit}"
+        times = self.stable / self.settings.step
+        more = f", {times:.2g} times as many steps as the stable one takes" if times > 1.05 else ""
+        yield f"settings: {described(self.settings)}, limited by {self.limit}{more}"
         over, part = quantity(self.window, "s"), " before trajectories part" if self.chaotic else ""
         span = f"the first {over}{part or ' of the run'}"
         if self.start > 0:
             span = f"{over} from t = {quantity(self.start, 's')} on{part}; nothing touches before"
         yield f"expected error {self.expected:.2g} over {span}"
+        if not self.met:
+            yield f"warning: that is more than the {self.asked:g} asked for; {self.limit}"
         if self.unseen:
             yield self.unseen
         for effect in self.missing:
@@ -128,6 +139,7 @@ def choose_by(pilot: Pilot, asked: float) -> Choice:
         limit,
         {f"{h:.4g}": e for h, e in zip(steps.tolist(), errors.tolist(), strict=True)},
         start=pilot.start,
+        stable=pilot.stable,
         unseen=unseen,
     )
 

@@ -9,6 +9,7 @@ touch: of spheres in flight no setting can be judged.
 from __future__ import annotations
 
 import dataclasses
+import math
 import warnings
 
 import numpy as np
@@ -26,6 +27,7 @@ from taichi_dem.simulation import Simulation
 MOST_WORK = 1e7  # particle-steps
 LOOKS = 8  # in as much time as that, for the end of a flight
 STRAIGHT = 1e-9  # radii, off the parabola that a sphere follows which touches nothing
+SMALLER = 3  # times half the stable step, where a guard stops it
 STEADY = 0.5  # of the most contacts with the ground, there from the start
 
 
@@ -43,23 +45,37 @@ class Pilot:
         self._records: dict[Settings, Record] = {}
         self._steep: set[Settings] = set()
         self.tight = Settings.tightest(scene, 0.0)
+        self.start = 0.0
         stable = self._simulation(self.tight).stable.value
-        self.start, self.chaotic = 0.0, False
         self.window = min(duration, MOST_WORK / scene.spheres.count * stable)
         if self.window < duration:
             self._skip_flight(duration)
-            self.window = min(duration - self.start, self.window)
-        last = 0
+        for smaller in range(SMALLER + 1):
+            self.stable = stable / 2**smaller
+            try:
+                return self._compare(duration - self.start)
+            except SimulationStopped:  # a smaller step may get through
+                self._records.clear()
+                if smaller == SMALLER:
+                    raise
+
+    def _compare(self, left: float) -> None:
+        """Find how long trajectories can be compared in the ``left`` time (s) of the run."""
+        stable, last = self.stable, 0
+        self.window = min(left, self.window)
+        self.whole, self.chaotic = self.window >= left, False
+        if not self.whole:
+            self.window = _of_whole_steps(self.window, stable, left)
         while last < accuracy.FEWEST:
             self.stable = even_step(stable, self.window)  # so that halves of it are halves
             first = self.record(self.tight.but("step", self.stable))
             last = accuracy.comparable(first, self._run(self.tight, self.stable, 1))
             if last < first.samples:
-                self.chaotic = True
-                self.window *= max(last, 1) / first.samples
+                self.whole, self.chaotic = False, True
+                shorter = self.window * max(last, 1) / first.samples
+                self.window = _of_whole_steps(shorter, stable, shorter)
                 self._records.clear()
         self.stable = even_step(stable, self.window)
-        self.whole = self.start + self.window >= duration * (1 - 1e-9)
 
     def _skip_flight(self, duration: float) -> None:
         """Start at the last look before anything touches, if there is one."""
@@ -159,3 +175,10 @@ class Pilot:
         if settings.every > 1 and (exchange := sim._engine.exchange) is not None:
             exchange.between.every[None] = settings.every
         return sim
+
+
+def _of_whole_steps(window: float, step: float, most: float) -> float:
+    """``window`` (s) as a whole number of steps (s) between two samples, one at least, but no more
+    than ``most`` (s)."""
+    between = max(1, math.floor(window / (SAMPLES * step) * (1 + 1e-9)))
+    return min(between * SAMPLES * step, most)

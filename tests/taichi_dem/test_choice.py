@@ -12,6 +12,7 @@ from setups import law, scene
 import taichi_dem as dem
 from taichi_dem import accuracy, choice, cli, scene_file
 from taichi_dem.asked_error import settled
+from taichi_dem.guards import SimulationStopped
 from taichi_dem.moments import STATES
 from taichi_dem.neglect import Neglected, turned_on
 from taichi_dem.pilot import Pilot
@@ -58,6 +59,7 @@ def test_where_the_stable_step_is_good_enough_it_is_taken():
 def test_what_cannot_be_met_is_said():
     found = choice.choose_by(Made(0.1, 1.0), 1e-7)  # ... but not without end
     assert found.limit.startswith("no step below") and found.expected > 1e-7
+    assert not found.met and any("more than the 1e-07 asked for" in line for line in found.words())
 
 
 class Grounded(Made):
@@ -162,7 +164,8 @@ def test_a_pilot_that_is_shorter_than_the_run_skips_the_flight(monkeypatch):
     stable = dem.Simulation(setup).stable.value
     monkeypatch.setattr("taichi_dem.pilot.MOST_WORK", 2 * 0.01 / stable)  # so many of 10 ms
     pilot = Pilot(setup, 0.1)
-    assert pilot.window == pytest.approx(0.01) and not pilot.whole
+    assert 0.009 < pilot.window <= 0.01 and not pilot.whole
+    assert pilot.stable == pytest.approx(stable)
     assert lands - 0.01 / 8 <= pilot.start <= lands
     moved = falling(1.0).spheres.position[:, 2] - 0.5 * 9.81 * pilot.start**2
     assert pilot.scene.spheres.position[:, 2] == pytest.approx(moved, rel=1e-9)
@@ -170,6 +173,20 @@ def test_a_pilot_that_is_shorter_than_the_run_skips_the_flight(monkeypatch):
     assert told.settings.coupling == "finite" and told.unseen == ""
     assert any("nothing touches before" in line for line in told.words())
     assert told.summary()["compared_from_s"] == pilot.start
+
+
+def test_a_step_that_a_guard_stops_is_halved(monkeypatch):
+    tried, compare = [], Pilot._compare
+
+    def stopped_at_first(self, left):
+        tried.append(self.stable)
+        if len(tried) < 3:
+            raise SimulationStopped("sphere 0 moves too far", 0, {})
+        compare(self, left)
+
+    monkeypatch.setattr(Pilot, "_compare", stopped_at_first)
+    pilot = Pilot(bobbing(), 0.01)
+    assert tried == [tried[0], tried[0] / 2, tried[0] / 4] and pilot.stable <= tried[2]
 
 
 def test_of_flight_alone_nothing_is_learnt():
@@ -186,6 +203,7 @@ def test_the_error_found_is_about_the_one_asked():
     fine = pilot.tight.but("step", told.settings.step / 8)
     found = accuracy.worst(pilot.distance(told.settings, fine))
     assert told.limit == "the asked error"
+    assert "times as many steps" in next(told.words())
     assert asked / 3 < found < 2 * asked
     assert told.expected == pytest.approx(found, rel=0.5)
 

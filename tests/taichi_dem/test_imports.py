@@ -19,7 +19,8 @@ LAYERS = {
     "past expansions lagged_expansions reciprocal expansion_passes expansion_newton coefficients "
     "forces pair_sums coupled_contacts coupling lagged_surface doubts extrapolation ground_past "
     "ground_contacts exchange joint pressed creep members hosted lagged integrate meeting step "
-    "drivers energy guards views sleep pace ground ground_view on_list good_state engine memory",
+    "drivers energy guards views sleep pace ground ground_view on_list good_state engine memory "
+    "blocks",
     "simulation": "alerts asked schedule simulation moments neglect cost",
     "outputs": "style wording snapshot frames progress output bed dents plot",
     "tools": "streams folder run oddities check settings record accuracy orders closed_form "

@@ -76,6 +76,7 @@ WORDS = {
     "steps": "whole number >= 1, in the place of `duration`",
     "energy_balance": "whether what is lost is summed up",
     "estimate_neglected": "whether what is left out is estimated at the end",
+    "effect_costs": "whether what each effect takes of a step is timed at the end",
     "MultiContact.exchange": '"implicit": solved together; "lagged": by forces of the step before',
     "regularization": '"stop": what rolls out comes to rest; "spring": it winds a spring',
 }

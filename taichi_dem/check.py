@@ -26,6 +26,7 @@ PILOT_STEPS = 400
 WARM_UP_STEPS = 132  # all drivers are compiled within these, and most scenes have tried them
 SETTLED = 3.0  # contacts per sphere from which a bed is as dense as it gets
 SLOWER = 4  # times, at most, that a settled bed is slower than falling spheres (measured: 2 to 4)
+HOW_TO_COST = "each effect's share of the time of a step: by --cost, here or with run"
 
 
 def check(
@@ -44,6 +45,7 @@ def check(
     for name, text in what_there_is(scene):
         _say(name, text)
 
+    from taichi_dem.cost import lines
     from taichi_dem.memory import memory
     from taichi_dem.simulation import Simulation
 
@@ -65,9 +67,9 @@ def check(
         _say("run time", run_time(sim, plan, steps, built))
         for text in exchanges(sim):
             _say("exchange", text)
-        if cost:
-            for k, text in enumerate(costs(sim)):
-                _say("" if k else "cost", text)
+        costs = lines(sim, sim.effect_costs()) if cost else [HOW_TO_COST]
+        for k, text in enumerate(costs):
+            _say("" if k else "cost", text)
 
 
 def what_there_is(scene: Scene) -> Iterator[tuple[str, str]]:
@@ -110,10 +112,8 @@ def what_there_is(scene: Scene) -> Iterator[tuple[str, str]]:
 
 def effects(sim: Any) -> Iterator[tuple[str, str]]:
     """What has been compiled, why, and its memory; what the scene leaves out."""
-    from taichi_dem.contacts.law import LAWS
-
     law, listed = sim.scene.law, sim.effects.listed
-    on, off = [], [slot for slot in LAWS if slot not in law.parts() and slot != "surface"]
+    on = []
     for slot, part in law.parts().items():
         special = [" on ".join(names) for names, laws in law.pairs.items() if slot in laws]
         but = f"; other numbers for {', '.join(special)}" if special else ""
@@ -124,7 +124,7 @@ def effects(sim: Any) -> Iterator[tuple[str, str]]:
             on.append((effect.name, f"{effect.reason}; {in_bytes(size)}"))
         elif effect.on:
             on.append((effect.name, effect.reason))
-    off += [f"{effect.name} ({effect.reason})" for effect in listed if not effect.on]
+    off = [f"{effect.name} ({effect.reason})" for effect in listed if not effect.on]
     for k, (name, text) in enumerate(on):
         yield "" if k else "effects", f"{name}: {text}"
     yield "off", ", ".join(off) or "nothing"
@@ -201,21 +201,6 @@ class _TrialOutput:
 
 def _about(seconds: float) -> str:
     return clock(float(f"{seconds:.2g}"))
-
-
-def costs(sim: Any) -> Iterator[str]:
-    """The share of each effect in the time of a step, in the present state."""
-    from taichi_dem.cost import ROUNDS, measure
-
-    found = measure(sim)
-    if not found:
-        yield "there is no effect that could be left out"
-        return
-    yield (
-        f"share of the time of a step at {sim.coordination():.2g} contacts per sphere, median "
-        f"(and spread) of {ROUNDS} turns:"
-    )
-    yield from (effect.words() for effect in found)
 
 
 def _boundary(boundary: Boundary) -> str:

@@ -84,6 +84,12 @@ def _parser() -> argparse.ArgumentParser:
         "default: %(default)s",
     )
 
+    run.add_argument(
+        "--cost",
+        action="store_true",
+        help="time the scene without each of its effects at the end (compiles each of them)",
+    )
+
     check = commands.add_parser(
         "check", help="say what a scene would compute, and how long it would take; writes nothing"
     )
@@ -147,6 +153,7 @@ def _run(asked: argparse.Namespace) -> int:
             asked.overwrite,
             asked.error,
             asked.left_out,
+            asked.cost,
         )
     except SimulationStopped as stop:
         _complain(f"stopped: {stop}")

@@ -54,6 +54,16 @@ class Cost:
         median = statistics.median(shares)
         return f"{self.name} {median:.0%} ({shares[0]:.0%} to {shares[-1]:.0%})"
 
+    def summary(self) -> dict[str, Any]:
+        """For ``summary.json``."""
+        if not self.on:
+            return {"share_of_step": None, "share_problem": self.problem}
+        shares = self.shares
+        return {
+            "share_of_step": statistics.median(shares),
+            "share_spread": [min(shares), max(shares)],
+        }
+
 
 def measure(sim: Simulation, rounds: int = ROUNDS, seconds: float = SECONDS) -> list[Cost]:
     """The cost of every effect of ``sim`` that can be left out, from its present state on; ``sim``
@@ -80,6 +90,19 @@ def measure(sim: Simulation, rounds: int = ROUNDS, seconds: float = SECONDS) -> 
         ]
     on = tuple(of_whole for of_whole, _ in turns)
     return [*(Cost(name, on, tuple(off[name] for _, off in turns)) for name in others), *failed]
+
+
+def lines(sim: Simulation, found: list[Cost]) -> Iterator[str]:
+    """For people: the costs ``found`` in the present state of ``sim``."""
+    if not found:
+        yield "there is no effect that could be left out"
+        return
+    turns = max(len(effect.on) for effect in found)
+    yield (
+        f"share of the time of a step at {sim.coordination():.2g} contacts per sphere, median "
+        f"(and spread) of {turns} turns:"
+    )
+    yield from (effect.words() for effect in found)
 
 
 class _Course:
@@ -140,6 +163,12 @@ def variants(scene: Scene, books: bool) -> Iterator[tuple[str, Scene, bool]]:
         if ground.coupling == "finite":
             points = dataclasses.replace(ground, coupling="point")
             yield "finite contact size", dataclasses.replace(scene, substrate=points), books
+        if ground.layer is not None:
+            deep = dataclasses.replace(ground, layer=None)
+            yield "layer", dataclasses.replace(scene, substrate=deep), books
+        if ground.relaxation is not None:
+            lasting = dataclasses.replace(ground, relaxation=None)
+            yield "relaxation", dataclasses.replace(scene, substrate=lasting), books
     if any(wall.moves for wall in scene.boundaries):
         still = tuple(_standing(wall) for wall in scene.boundaries)
         yield "moving boundaries", dataclasses.replace(scene, boundaries=still), books

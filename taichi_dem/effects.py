@@ -109,6 +109,16 @@ def _listed(
         *(["friction"] if found["friction"] else []),
         *(["rolling resistance"] if found["rolling"] else []),
     ]
+    yield Effect(
+        "friction",
+        found["friction"],
+        "contacts resist sliding" if found["friction"] else "no tangential law",
+    )
+    yield Effect(
+        "rolling",
+        found["rolling"],
+        "contacts resist rolling" if found["rolling"] else "no rolling law",
+    )
     makes = "makes" if len(turning) == 1 else "make"
     yield Effect(
         "rotation",

@@ -37,16 +37,20 @@ def run(
     overwrite: bool = False,
     error: float | None = None,
     left_out: str = "warn",
+    cost: bool = False,
 ) -> None:
     """Run the scene at ``path``, write into ``folder`` and say on standard output what happened.
 
     ``overrides`` as in :func:`taichi_dem.scene_file.read`; ``duration`` (s) replaces the file's;
     ``error``: the settings are chosen such that it is met; ``left_out``: what becomes of effects
     that would change more (:mod:`taichi_dem.asked_error`).
-    What the scene leaves out is estimated at the end (:mod:`taichi_dem.neglect`).
+    What the scene leaves out is estimated at the end (:mod:`taichi_dem.neglect`); ``cost``: what it
+    has is timed then (:mod:`taichi_dem.cost`), as by ``run.effect_costs``.
     Raises ``InputError`` before anything is written; ``KeyboardInterrupt`` (Ctrl-C) and
     ``SimulationStopped`` after what was computed has been written, the last good state included.
     """
+    if cost:
+        overrides = [*overrides, "run.effect_costs=true"]
     scene, plan = read(path, overrides, duration)
     if error is not None and (problem := number_problem("--error", error, _ERROR)):
         raise InputError([problem])
@@ -89,6 +93,8 @@ def run(
         _finish(sim, folder, time.perf_counter() - start)
         if seen is not None:
             _estimate(sim, seen.kept, folder, error or THRESHOLD)
+        if plan.effect_costs:
+            _time_effects(sim, folder)
 
 
 def read(path: Path, overrides: Sequence[str], duration: float | None) -> tuple[Scene, Run]:
@@ -165,6 +171,25 @@ def _estimate(sim: Any, moments: Sequence[Any], folder: Path, threshold: float) 
     amend(folder, neglected={effect.name: effect.summary(threshold) for effect in found})
     for effect in found:
         print(f"  left out    {effect.sentence(threshold)}", flush=True)
+
+
+def _time_effects(sim: Any, folder: Path) -> None:
+    """Say what each effect takes of a step; Ctrl-C leaves this out too."""
+    from taichi_dem.cost import lines
+    from taichi_dem.simulation import SimulationStopped
+
+    print("  timing the scene without each of its effects …", flush=True)
+    try:
+        found = sim.effect_costs()
+    except KeyboardInterrupt:
+        print("  cost        not timed: interrupted")
+        return
+    except (InputError, SimulationStopped) as error:  # contacts begin anew there
+        print(f"  cost        not timed: {error}")
+        return
+    amend(folder, effects=sim.summary()["effects"])
+    for line in lines(sim, found):
+        print(f"  cost        {line}", flush=True)
 
 
 def _keep_spheres(scene: Scene, last: dict[str, Any], folder: Path) -> None:

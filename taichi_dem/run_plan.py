@@ -11,6 +11,7 @@ from taichi_dem.validation import Problem, parameter, validate
 _SWITCHES = {
     "energy_balance": "whether what is lost is summed up",
     "estimate_neglected": "whether what the scene leaves out is estimated at the end",
+    "effect_costs": "whether what each effect takes of a step is timed at the end",
 }
 
 
@@ -25,6 +26,7 @@ class Run:
     history: float | None = parameter("s", "time between lines", default=None, above=0.0)
     energy_balance: bool = True
     estimate_neglected: bool = True
+    effect_costs: bool = False
 
     def __post_init__(self) -> None:
         problems = []

@@ -33,6 +33,7 @@ from taichi_dem.views import (
 from taichi_dem.writing import Output
 
 if TYPE_CHECKING:
+    from taichi_dem.cost import Cost
     from taichi_dem.neglect import Neglected
 
 SECONDS_PER_CHUNK = 0.3  # between two looks at the world outside; no result depends on it
@@ -262,6 +263,14 @@ class Simulation:
 
         return neglected(self)
 
+    def effect_costs(self) -> "list[Cost]":
+        """What each effect that is on takes of the time of a step in the present state, for which
+        :meth:`summary` then says it too; see :mod:`taichi_dem.cost`. It compiles a simulation for
+        each. Raises ``SimulationStopped`` where steps from this state are stopped."""
+        from taichi_dem.cost import measure
+
+        return self._once("effect_costs", lambda: measure(self))
+
     def coordination(self) -> float:
         """Mean number of contacts of a sphere."""
         records = self.contacts()
@@ -275,6 +284,7 @@ class Simulation:
     def summary(self) -> dict[str, Any]:
         """What ``summary.json`` says of the simulation, beside its state."""
         held = by_effect(self._engine)
+        shares = {cost.name: cost.summary() for cost in self._memo.get("effect_costs", ())}
         lists = self._engine.listing
         return {
             "outcome": self._outcome,
@@ -295,6 +305,7 @@ class Simulation:
                     "on": effect.on,
                     "reason": effect.reason,
                     "memory_bytes": held.get(effect.name, 0),
+                    **(shares.get(effect.name, {"share_of_step": None}) if effect.on else {}),
                 }
                 for effect in self.effects.listed
             },

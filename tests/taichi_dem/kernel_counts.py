@@ -135,6 +135,7 @@ def scenes():
     on_points = scene(
         dem.Law(damped, dem.Mindlin(0.3), rolls), boundaries=[presses], substrate=soft["substrate"]
     )
+    creeping = dem.Substrate(glass, coupling="point", relaxation=dem.Relaxation(1e7, 0.1))
     on_layer = dem.Substrate(glass, coupling="point", layer=dem.Layer(0.1))
 
     def but(slot):
@@ -163,6 +164,7 @@ def scenes():
             substrate=dem.Substrate(glass, coupling="point", exchange="lagged"),
         ),
         "layer": scene(dem.Law(elastic), boundaries=[], substrate=on_layer),
+        "relaxation": scene(dem.Law(elastic), boundaries=[], substrate=creeping),
         "period": scene(dem.Law(elastic), period=(8e-3, 9e-3)),
         "moving boundaries": scene(dem.Law(elastic), **moved),
         "all but friction": but("tangential"),

@@ -121,6 +121,10 @@ def test_run_writes_a_folder_that_can_be_read(finished):
     assert {"scene.toml", "history.csv", "summary.json", "state.npz"} <= written
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["outcome"] == "finished"
+    on = {name for name, effect in summary["effects"].items() if effect["on"]}
+    assert on >= {"friction", "rotation", "substrate coupling"}
+    assert {name for name, one in summary["effects"].items() if "share_of_step" in one} == on
+    assert all(summary["effects"][name]["share_of_step"] is None for name in on)
     assert summary["simulated_time_s"] == pytest.approx(1e-3, abs=summary["dt_s"])
     history, state = read_history(folder), Snapshot.load(folder)
     assert history["step"][-1] == summary["steps"] == state.step
@@ -320,7 +324,7 @@ def test_a_wrong_environment_is_wrong_input(scene):
 
 def test_ctrl_c_leaves_everything_on_disk(scene, tmp_path):
     target = tmp_path / "out"
-    settings = ["--set", "run.history=1e-4", "--set", "run.frames=1e-3"]
+    settings = ["--set", "run.history=1e-4", "--set", "run.frames=1e-3", "--cost"]
     run = process("run", scene, "-o", target, "--duration", "1e4", *settings)
     try:
         history = target / "history.csv"
@@ -334,7 +338,7 @@ def test_ctrl_c_leaves_everything_on_disk(scene, tmp_path):
         run.kill()
     assert run.returncode == cli.INTERRUPTED, err
     assert "interrupted" in out and "Traceback" not in err
-    assert outcome(target) == "interrupted"
+    assert outcome(target) == "interrupted" and "timing" not in out
     rows, state = read_history(target), Snapshot.load(target)
     assert len(rows["step"]) > 4 and rows["step"][-1] == state.step
     glass = dem.Material("glass", density=2500, youngs_modulus=5e6, poissons_ratio=0.22)
@@ -348,8 +352,9 @@ def test_a_guard_keeps_the_last_good_state(scene, tmp_path, capsys):
     target = tmp_path / "out"
     meet = ["--set", "spheres.velocity=[[5, 0, 0], [-5, 0, 0], [0, 0, 0]]"]
     soft = ["--set", "materials.glass.youngs_modulus=1e4", "--set", "run.history=1e-5"]
-    assert cli.main(["run", str(scene), "-o", str(target), *meet, *soft]) == cli.STOPPED
+    assert cli.main(["run", str(scene), "-o", str(target), *meet, *soft, "--cost"]) == cli.STOPPED
     said = capsys.readouterr()
+    assert "timing" not in said.out
     assert "overlaps sphere" in said.err and "Try" in said.err
     assert outcome(target).startswith("stopped")
     glass = dem.Material("glass", density=2500, youngs_modulus=1e4, poissons_ratio=0.22)
@@ -387,6 +392,7 @@ def test_check_says_what_is_computed_and_writes_nothing(scene, tmp_path, capsys)
         "for output",
     ):
         assert text in said, text
+    assert said.splitlines()[-1].startswith("cost ") and "--cost" in said.splitlines()[-1]
 
 
 def test_check_lists_what_a_scene_leaves_out(scene, capsys):

@@ -1,14 +1,16 @@
 """An effect that is off leaves nothing behind: no instruction, no field."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 from kernel_counts import FLAGS, counts, package_without, scenes
 
 import taichi_dem as dem
-from taichi_dem import check, cli, cost
+from taichi_dem import cli, cost, output, run
 from taichi_dem.effects import effects_of
+from taichi_dem.guards import SimulationStopped
 from taichi_dem.memory import by_effect, memory
 
 ALONE = [effect for effect in FLAGS if effect not in ("rotation", "history")]  # which follow
@@ -66,8 +68,9 @@ def test_what_is_off_has_no_field(plain):
 def test_every_effect_is_listed_with_a_reason(plain):
     told = plain.summary()["effects"]
     assert set(told) == {effect.name for effect in plain.effects.listed}
-    assert set(told) >= set(ALONE) - {"friction", "rolling", "lagged exchange"}
+    assert set(told) >= set(ALONE) - {"lagged exchange"}
     for effect in told.values():
+        assert "share_of_step" not in effect
         assert effect["on"] is False and effect["memory_bytes"] == 0 and effect["reason"]
 
 
@@ -106,6 +109,8 @@ def test_wall_time_is_shared_out(plain):
         ("moving boundaries", {"moving boundaries"}),
         ("finite contact size", {"substrate coupling", "finite contact size"}),
         ("extrapolated exchange", {"substrate coupling", "extrapolated exchange"}),
+        ("layer", {"substrate coupling", "layer"}),
+        ("relaxation", {"substrate coupling", "relaxation", "dissipation"}),
         ("sleep", {"sleep"}),
         (
             "all but adhesion",
@@ -121,7 +126,7 @@ def test_each_effect_can_be_left_out_alone(name, expected):
     assert set(found) == expected
     for effect, (without, kept) in found.items():
         told = {e.name: e.on for e in effects_of(without, kept).listed}
-        assert told.get(effect) in (False, None)
+        assert told[effect] is False
         assert without.gravity == scene.gravity
 
 
@@ -130,18 +135,74 @@ def test_costs_are_told_as_shares():
     assert told.ratios == pytest.approx([2, 1.25, 4 / 3])
     assert told.shares == pytest.approx([0.5, 0.2, 0.25])
     assert told.words() == "friction 25% (20% to 50%)"
-    assert "cannot be told: too deep" in cost.Cost("rolling", problem="too deep").words()
+    assert told.summary()["share_of_step"] == pytest.approx(0.25)
+    assert told.summary()["share_spread"] == pytest.approx([0.2, 0.5])
+    failed = cost.Cost("rolling", problem="too deep")
+    assert "cannot be told: too deep" in failed.words()
+    assert failed.summary() == {"share_of_step": None, "share_problem": "too deep"}
 
 
-def test_check_says_them_if_asked(plain, monkeypatch):
+def test_costs_are_told_with_the_state_they_were_measured_in(plain):
     told = cost.Cost("friction", on=(2.0,), off=(1.0,))
-    monkeypatch.setattr(cost, "measure", lambda sim: [told])
-    first, second = check.costs(plain)
+    first, second = cost.lines(plain, [told])
     assert f"{plain.coordination():.2g} contacts per sphere" in first
     assert second == told.words()
-    monkeypatch.setattr(cost, "measure", lambda sim: [])
-    assert "no effect" in next(check.costs(plain))
-    assert cli._parser().parse_args(["check", "scene.toml", "--cost"]).cost is True
+    assert "no effect" in next(cost.lines(plain, []))
+
+
+@pytest.fixture
+def rubbing(plain, monkeypatch):
+    """A simulation that says to have friction, of which nothing need be compiled."""
+    plain.restart()
+    with monkeypatch.context() as patch:
+        patch.setattr(plain._engine, "effects", effects_of(scenes()["friction"]))
+        yield plain
+
+
+def test_a_run_writes_them_to_its_summary(rubbing, tmp_path, monkeypatch, capsys):
+    told = cost.Cost("friction", on=(2.0, 2.0, 2.0), off=(1.0, 1.6, 1.5))
+    monkeypatch.setattr(cost, "measure", lambda sim: [told])
+    (tmp_path / output.SUMMARY).write_text('{"outcome": "finished"}')
+    assert rubbing.summary()["effects"]["friction"]["share_of_step"] is None
+    run._time_effects(rubbing, tmp_path)
+    written = json.loads((tmp_path / output.SUMMARY).read_text())
+    assert written["outcome"] == "finished"
+    friction = written["effects"]["friction"]
+    assert friction["share_of_step"] == pytest.approx(0.25) and friction["memory_bytes"] == 0
+    assert written["effects"]["history"]["share_of_step"] is None  # goes with friction
+    assert "share_of_step" not in written["effects"]["rolling"]
+    assert told.words() in capsys.readouterr().out
+    rubbing.run(steps=1)  # in another state they are not known
+    assert rubbing.summary()["effects"]["friction"]["share_of_step"] is None
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt(), SimulationStopped("too deep", None, {})])
+def test_what_cannot_be_timed_spoils_nothing(end, rubbing, tmp_path, monkeypatch, capsys):
+    def ended(sim):
+        raise end
+
+    monkeypatch.setattr(cost, "measure", ended)
+    run._time_effects(rubbing, tmp_path)
+    said = capsys.readouterr().out
+    assert f"not timed: {end}" in said or "not timed: interrupted" in said
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("asked", [["--cost"], ["--set", "run.effect_costs=true"]])
+def test_the_command_line_times_them_if_asked(asked, tmp_path, capsys):
+    path, folder = tmp_path / "scene.toml", tmp_path / "out"
+    scenes()["friction"].to_toml(path)
+    assert cli.main(["run", str(path), "-o", str(folder), "--duration", "2e-5", *asked]) == cli.DONE
+    said = json.loads((folder / output.SUMMARY).read_text())
+    assert said["outcome"] == "finished"
+    timed = {name for name, one in said["effects"].items() if one.get("share_of_step") is not None}
+    assert timed == {"friction", "dissipation"}
+    for name in timed:
+        low, high = said["effects"][name]["share_spread"]
+        assert low <= said["effects"][name]["share_of_step"] <= high < 1
+    assert "share of the time of a step" in capsys.readouterr().out
+    assert "effect_costs = true" in (folder / output.SCENE).read_text()
 
 
 @pytest.mark.slow

@@ -19,10 +19,11 @@ LAYERS = {
     "past expansions lagged_expansions reciprocal expansion_passes expansion_newton coefficients "
     "forces pair_sums coupled_contacts coupling lagged_surface doubts extrapolation ground_past "
     "ground_contacts exchange joint pressed creep members hosted lagged integrate meeting step "
-    "drivers energy guards views sleep pace ground ground_view on_list good_state engine memory",
-    "simulation": "alerts asked schedule simulation moments neglect",
+    "drivers energy guards views sleep pace ground ground_view on_list good_state engine memory "
+    "blocks",
+    "simulation": "alerts asked schedule simulation moments neglect cost",
     "outputs": "style wording snapshot frames progress output bed dents plot",
-    "tools": "streams folder run oddities cost check settings record accuracy orders closed_form "
+    "tools": "streams folder run oddities check settings record accuracy orders closed_form "
     "worker workers study_point study_report study_bench studies pilot choice asked_error cli "
     "__main__",
 }

@@ -12,5 +12,5 @@ def test_every_key_is_listed_as_it_is():
     spec.loader.exec_module(scene_keys)
     page = scene_keys.PAGE.read_text(encoding="utf-8")
     assert scene_keys.with_tables(page) == page, "run python docs/scene_keys.py --write"
-    for key in ("`retardation_time`", "`volume_fraction`", "`lammps_data`", "`estimate_neglected`"):
+    for key in ("`retardation_time`", "`volume_fraction`", "`lammps_data`", "`effect_costs`"):
         assert key in page

@@ -24,7 +24,7 @@ def made(samples=8, n=3, seed=1):
         velocity=rng.normal(size=(n, 3)),
         balance=1e-3 * rng.normal(size=rows),
         turnover=np.linspace(1, 2, rows),
-        contact=np.array([[k, 0, 1] for k in range(rows)]),
+        contact=np.array([[k, 0, 1, -1] for k in range(rows)]),
         force=rng.normal(size=(rows, 3)),
         push=rng.normal(size=(rows, 1, 3)),
         ground=np.ones(rows),
@@ -59,6 +59,17 @@ def test_a_contact_that_is_missing_counts_in_full():
     run = made()
     none = dataclasses.replace(run, contact=run.contact[:0], force=run.force[:0])
     assert accuracy.errors(none, run, 8)["contact force"] == pytest.approx(1.0)
+
+
+def test_faces_of_one_boundary_are_contacts_of_their_own():
+    """A sphere in the corner of a box: all three faces bear the number of the box."""
+    corner = np.array([[k, 0, -2, face] for k in range(9) for face in (0, 2, 4)])
+    run = dataclasses.replace(made(), contact=corner, force=np.tile(np.eye(3), (9, 1)))
+    assert accuracy.errors(run, run, 8)["contact force"] == 0
+    force = run.force.copy()
+    force[::3, 0] += 100  # the last two of three faces are right
+    wrong = dataclasses.replace(run, force=force)
+    assert accuracy.errors(wrong, run, 8)["contact force"] == pytest.approx(100 / np.sqrt(3))
 
 
 def test_what_is_not_a_number_is_no_small_error():
@@ -106,6 +117,15 @@ def test_a_record_is_of_the_same_times_whatever_the_step():
     assert np.allclose(runs[0].time, runs[1].time, rtol=1e-12)
     fallen = 2 * R - 9.81 / 2 * runs[0].time ** 2
     assert np.allclose(runs[0].position[:, 0, 2], fallen, rtol=1e-12)
+
+
+def test_a_record_tells_the_faces_of_a_box_apart():
+    """A sphere that presses into a corner."""
+    box = dem.Box((0, 0, 0), (10 * R, 10 * R, 10 * R), GLASS)
+    setup = scene([[0.99 * R] * 3, [5 * R] * 3], R, law=law(), boundaries=[box])
+    found = record(dem.Simulation(setup), 4e-5, 4).contact
+    assert found.shape == (15, 4) and len(np.unique(found, axis=0)) == 15
+    assert set(found[:, 2]) == {-2} and len(set(found[:, 3])) == 3
 
 
 def test_two_spheres_part_as_they_should():

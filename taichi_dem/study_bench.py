@@ -8,7 +8,7 @@ from pathlib import Path
 
 from taichi_dem import accuracy, orders
 from taichi_dem import study_point as table
-from taichi_dem.closed_form import rebound, rebound_error
+from taichi_dem.closed_form import is_over, rebound, rebound_error
 from taichi_dem.record import Record, even_step
 from taichi_dem.scene import Scene
 from taichi_dem.settings import KNOBS, REFERENCE_STEP, STEPS, Settings, ladder
@@ -80,6 +80,9 @@ class Bench:
         self.references = [
             self._reference(worker, member, self.tight.step) for member in self._members()
         ]
+        before = self.scene.spheres.velocity
+        if self.exact is not None and not is_over(self.references[0], self.exact, before):
+            self.exact = None
         self.close()
 
     def ladders(self, knobs: Sequence[str]) -> None:

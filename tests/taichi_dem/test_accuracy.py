@@ -8,7 +8,7 @@ from setups import GLASS, law, scene
 
 import taichi_dem as dem
 from taichi_dem import accuracy
-from taichi_dem.closed_form import rebound, rebound_error
+from taichi_dem.closed_form import flown_freely, is_over, rebound, rebound_error
 from taichi_dem.record import Record, even_step, record
 
 R = 1e-3
@@ -144,6 +144,63 @@ def test_two_spheres_part_as_they_should():
     assert not len(sim.contacts())
     assert rebound_error(sim.particles.velocity, exact, setup.spheres.velocity) < 5e-3
     assert rebound_error(exact, exact, setup.spheres.velocity) == 0
+
+
+def flight(setup, duration, velocity=None, rows=9):
+    """The record of spheres that nothing touches, until at the end they have ``velocity``."""
+    spheres, time = setup.spheres, np.linspace(0, duration, rows)[:, None, None]
+    way = spheres.velocity * time + 0.5 * np.asarray(setup.gravity) * time**2
+    return dataclasses.replace(
+        made(rows - 1, spheres.count),
+        time=time[:, 0, 0],
+        position=spheres.position + way,
+        velocity=spheres.velocity if velocity is None else velocity,
+        contact=np.empty((0, 4), dtype=int),
+        force=np.empty((0, 3)),
+    )
+
+
+@pytest.mark.parametrize("ahead", [-0.1, 0.39])  # m/s, of the one in front
+def test_an_impact_after_the_end_is_none(ahead):
+    """Two spheres that meet at 10 ms, or only just catch up."""
+    toward = [[0.4, 0, 0], [ahead, 0, 0]]
+    setup = scene([[0, 0, 0], [7 * R, 0, 0]], R, velocity=toward, law=law(0.5))
+    exact, before = rebound(setup), setup.spheres.velocity
+    assert not is_over(flight(setup, 2e-3), exact, before)
+    after = flight(setup, 2e-2, exact + 1e-3)
+    assert is_over(after, exact, before)
+    last = np.array([[8, 0, 1, -1]])
+    pressed = dataclasses.replace(after, contact=last, force=np.ones((1, 3)))
+    assert not is_over(pressed, exact, before)
+
+
+def test_a_free_flight_is_known_as_one():
+    """Also where an impact fell between two samples."""
+    setup = scene([[0, 0, 0], [7 * R, 0, 0]], R, velocity=0.3, law=law(), gravity=(0, 0, -9.81))
+    run = flight(setup, 0.1)
+    assert flown_freely(run, setup)
+    knocked = run.position.copy()
+    knocked[5:, 1, 0] += 1e-4 * R
+    assert not flown_freely(dataclasses.replace(run, position=knocked), setup)
+    contact, force = np.array([[0, 0, 1, -1]]), np.zeros((1, 3))
+    assert not flown_freely(dataclasses.replace(run, contact=contact, force=force), setup)
+
+
+def test_no_closed_form_on_ground_that_is_no_elastic_half_space():
+    ground = dem.Substrate(GLASS)
+    grounds = {
+        "half-space": ground,
+        "layer": dataclasses.replace(ground, layer=dem.Layer(5 * R)),
+        "creep": dataclasses.replace(
+            ground, coupling="point", relaxation=dem.Relaxation(GLASS.youngs_modulus / 2, 1e-3)
+        ),
+    }
+    known = {
+        name: rebound(scene([[0, 0, 2 * R]], R, velocity=[0, 0, -1], law=law(), substrate=soil))
+        for name, soil in grounds.items()
+    }
+    assert np.allclose(known["half-space"], [[0, 0, 1]])
+    assert known["layer"] is None and known["creep"] is None
 
 
 def test_a_closed_form_only_where_there_is_one():

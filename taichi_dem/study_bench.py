@@ -57,6 +57,7 @@ class Bench:
         self.records = folder / "records"
         self.exact = rebound(scene)
         self.hosted = False
+        self.twin_runs: list[Record] | None = None  # once the twin has got through
         self._workers: list[Worker] = []
 
     def close(self) -> None:
@@ -198,14 +199,15 @@ class Bench:
             point.error, point.uncertainty = accuracy.worst_mean(point.means)
         if point is self.twin:
             self.twin_runs = runs
-        elif point.knob in KNOBS[1:]:
-            point.alone = self._alone(runs)
+        elif point.knob in KNOBS[1:] and self.twin_runs is not None:
+            point.alone = self._alone(runs, self.twin_runs)
 
-    def _alone(self, runs: list[Record]) -> float:
+    def _alone(self, runs: list[Record], twin_runs: list[Record]) -> float:
         """The error of the one knob that is turned: against its twin, of the same step."""
         if self.study.chaotic:
-            return accuracy.worst_mean(accuracy.ensemble_errors(runs, self.twin_runs))[0]
-        found = self._errors(runs, self.twin_runs)
+            means = accuracy.ensemble_errors(runs, twin_runs)
+            return accuracy.worst({name: error for name, (error, _) in means.items()})
+        found = self._errors(runs, twin_runs)
         if "energy drift" in found:  # which is no difference of two runs
             found["energy drift"] -= self.twin.errors["energy drift"]
         return accuracy.worst(found)

@@ -4,32 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
+from records import made
 from setups import GLASS, law, scene
 
 import taichi_dem as dem
 from taichi_dem import accuracy
 from taichi_dem.closed_form import flown_freely, is_over, rebound, rebound_error
-from taichi_dem.record import Record, even_step, record
+from taichi_dem.record import even_step, record
 
 R = 1e-3
-
-
-def made(samples=8, n=3, seed=1):
-    """A record with all there can be in it."""
-    rng = np.random.default_rng(seed)
-    rows = samples + 1
-    return Record(
-        time=np.linspace(0, 1, rows),
-        position=rng.normal(size=(rows, n, 3)),
-        velocity=rng.normal(size=(n, 3)),
-        balance=1e-3 * rng.normal(size=rows),
-        turnover=np.linspace(1, 2, rows),
-        contact=np.array([[k, 0, 1, -1] for k in range(rows)]),
-        force=rng.normal(size=(rows, 3)),
-        push=rng.normal(size=(rows, 1, 3)),
-        ground=np.ones(rows),
-        depression=rng.uniform(1, 2, 9),
-    )
 
 
 def test_a_run_is_as_it_is():
@@ -75,6 +58,14 @@ def test_faces_of_one_boundary_are_contacts_of_their_own():
 def test_what_is_not_a_number_is_no_small_error():
     assert accuracy.worst({"a": 1e-3, "b": float("nan")}) == float("inf")
     assert accuracy.worst({}) == float("inf")
+
+
+def test_the_worst_mean_is_the_one_that_may_be_worst():
+    found = {"surely": (2e-2, 1e-3), "perhaps": (1e-2, 1e-2)}
+    assert accuracy.worst_mean(found) == (1e-2, 1e-2)
+    assert accuracy.worst_mean({}) == (float("inf"), 0.0)
+    lost = {"lost": (float("nan"), 0.0), **found}
+    assert accuracy.worst_mean(lost) == (float("inf"), 0.0)
 
 
 def test_comparable_until_a_perturbation_has_grown():

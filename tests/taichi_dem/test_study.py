@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bobbing import STONE, R, bobbing
+from records import made
 from setups import law, scene
 
 import taichi_dem as dem
@@ -114,6 +115,18 @@ def test_the_order_of_fewer_exchanges_is_fitted(tmp_path):
         bench.study.points.append(Point("exchange", settings, alone=1e-6 * every**2.2))
     bench.study.points.append(Point("exchange", settings.but("exchange", "every 16")))
     assert bench._sparse_order() == pytest.approx(2.2, abs=0.01)
+
+
+def test_without_its_twin_a_knob_has_no_error_of_its_own(tmp_path):
+    """Where the step at which knobs are turned did not get through."""
+    bench = Bench(bobbing(), tmp_path, 1.0, 8, 1, print)
+    twin, turned = (Point(knob, Settings.of(bobbing(), 1e-5)) for knob in ("step", "residual"))
+    bench.twin, bench.references = twin, [made()]
+    bench._judge(turned, [made()])
+    assert turned.alone is None and math.isfinite(turned.error)
+    bench._judge(twin, [made()])
+    bench._judge(turned, [made()])
+    assert turned.alone == 0
 
 
 def test_results_are_appended(tmp_path):

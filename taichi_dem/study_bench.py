@@ -101,19 +101,25 @@ class Bench:
     def combinations(self) -> None:
         """For each target the loosest values that leave room for each other."""
         fitted = self._fit_orders()
-        if fitted is None:
-            return
-        order, scale = fitted
         points: list[Point] = []
         for target in TARGETS:
             settings, used = self._loosened(ROOM * target)
-            left = AIM * (target - used)
-            step = min((left / scale) ** (1 / order), self.stable)
+            step = self._step_for(AIM * (target - used), fitted)
+            if step is None or self._even(step) < 2 * self.tight.step:
+                continue
             settings = settings.at(self._even(step))
-            new = settings not in [point.settings for point in points]
-            if new and settings.step >= 2 * self.tight.step:
+            if settings not in [point.settings for point in points]:
                 points.append(Point(f"combined {target:g}", settings))
         self._measure(points)
+
+    def _step_for(self, error: float, fitted: tuple[float, float] | None) -> float | None:
+        """The largest step (s), up to the stable one, that errs by at most ``error``: by the order
+        and constant that were ``fitted``, or of those that were tried where none were."""
+        if fitted is not None:
+            order, scale = fitted
+            return min((error / scale) ** (1 / order), self.stable)
+        tried = [point for point in self.study.points if point.knob == "step"]
+        return max((p.settings.step for p in tried if p.meets(error)), default=None)
 
     def _fit_orders(self) -> tuple[float, float] | None:
         """Those of each measure on record; returns order and constant of the worst error."""

@@ -117,6 +117,17 @@ def test_the_order_of_fewer_exchanges_is_fitted(tmp_path):
     assert bench._sparse_order() == pytest.approx(2.2, abs=0.01)
 
 
+def test_the_step_of_a_combination_is_fitted_or_one_that_was_tried(tmp_path):
+    """The latter where errors do not go with the step."""
+    bench = Bench(bobbing(), tmp_path, 1.0, 8, 1, print)
+    bench.stable = 1e-4
+    for step, error in ((1e-4, 2e-2), (5e-5, 5e-3)):
+        bench.study.points.append(Point("step", Settings(step), "finished", error=error))
+    assert bench._step_for(1e-2, (2.0, 1e8)) == pytest.approx(1e-5)
+    assert bench._step_for(1e-2, (2.0, 1e4)) == 1e-4
+    assert [bench._step_for(error, None) for error in (1e-1, 1e-2, 1e-3)] == [1e-4, 5e-5, None]
+
+
 def test_without_its_twin_a_knob_has_no_error_of_its_own(tmp_path):
     """Where the step at which knobs are turned did not get through."""
     bench = Bench(bobbing(), tmp_path, 1.0, 8, 1, print)

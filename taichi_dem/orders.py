@@ -16,8 +16,8 @@ def fit(
     """Order p and constant C of errors C (h^p - h_ref^p) at steps h, in the least squares of the
     logarithms: a reference that is itself computed with step ``reference`` hides part of the error.
 
-    None where fewer than two errors are finite and above rounding, and where none of ``ORDERS`` fits
-    better than the first or the last: such errors do not go with the step.
+    None where fewer than two errors are finite and above rounding, and where the first or the last
+    of ``ORDERS`` fits best: such errors do not go with the step.
     """
     h, e = np.asarray(steps, dtype=float), np.asarray(errors, dtype=float)
     usable = np.isfinite(e) & (e > NOISE) & (h > reference)

@@ -2,7 +2,7 @@
 
 Two spheres that meet head-on, or one sphere and a plane, without gravity or friction to begin
 with: after the impact they part with ``restitution`` times the speed at which they met. (Hertz and
-Hooke are damped such that this is exact: see their files.)
+Hooke are damped such that this is exact: see their files.) And spheres that nothing touches.
 """
 
 from __future__ import annotations
@@ -11,9 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from taichi_dem.record import Record
 from taichi_dem.scene import Scene
 
 HEAD_ON = 1e-12  # of the speed, that may be across the line of centres
+FREE = 1e-9  # of the way, that a free flight may be off
 
 
 def rebound(scene: Scene) -> np.ndarray | None:
@@ -25,6 +27,8 @@ def rebound(scene: Scene) -> np.ndarray | None:
     walls: list[Any] = [*scene.boundaries, *([scene.substrate] if scene.substrate else [])]
     if spheres.count == 2 and not walls:
         return _of_two(scene)
+    if scene.substrate is not None and not scene.substrate.homogeneous:
+        return None  # a layer is stiffer than Hertz has it, and creep takes energy
     if spheres.count == 1 and len(walls) == 1 and len(walls[0].faces()) == 1:
         return _off_plane(scene, walls[0])
     return None
@@ -33,6 +37,24 @@ def rebound(scene: Scene) -> np.ndarray | None:
 def rebound_error(velocity: np.ndarray, exact: np.ndarray, before: np.ndarray) -> float:
     """Of ``velocity`` (n, 3) after the impact, over the largest speed before it."""
     return float(np.abs(velocity - exact).max() / np.linalg.norm(before, axis=1).max())
+
+
+def is_over(run: Record, exact: np.ndarray, before: np.ndarray) -> bool:
+    """Whether the impact after which velocities are ``exact`` (n, 3) lies within ``run``: nothing
+    touches at its end, where velocities are nearer to these than to those ``before``."""
+    apart = not np.any(run.contact[:, 0] == run.samples)
+    left = rebound_error(run.velocity, exact, before)
+    return apart and left < 0.5 * rebound_error(before, exact, before)
+
+
+def flown_freely(run: Record, scene: Scene) -> bool:
+    """Whether nothing touched in ``run``, not even between two samples."""
+    spheres, time = scene.spheres, run.time[:, None, None]
+    fallen = 0.5 * np.asarray(scene.gravity) * time**2
+    way = spheres.velocity * time + fallen
+    scale = np.abs(spheres.position).max() + np.abs(way).max()
+    off = np.abs(run.position - spheres.position - way).max()
+    return not len(run.contact) and bool(off <= FREE * scale)
 
 
 def _elastic(normal: Any) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 ORDERS = np.linspace(0.25, 5.0, 476)
+NOISE = 1e-11  # relative errors below it are those of rounding
 
 
 def fit(
@@ -15,10 +16,11 @@ def fit(
     """Order p and constant C of errors C (h^p - h_ref^p) at steps h, in the least squares of the
     logarithms: a reference that is itself computed with step ``reference`` hides part of the error.
 
-    None where fewer than two errors are positive and finite.
+    None where fewer than two errors are finite and above rounding, and where the first or the last
+    of ``ORDERS`` fits best: such errors do not go with the step.
     """
     h, e = np.asarray(steps, dtype=float), np.asarray(errors, dtype=float)
-    usable = np.isfinite(e) & (e > 0) & (h > reference)
+    usable = np.isfinite(e) & (e > NOISE) & (h > reference)
     if usable.sum() < 2:
         return None
     h, e = h[usable], e[usable]
@@ -26,10 +28,6 @@ def fit(
     away = np.log(e)[:, None] - np.log(shapes)
     spread = away.var(axis=0)
     best = int(np.argmin(spread))
+    if best in (0, len(ORDERS) - 1):
+        return None
     return float(ORDERS[best]), float(np.exp(away[:, best].mean()))
-
-
-def observed(errors: Sequence[float], factor: float = 2.0) -> np.ndarray:
-    """The orders between successive ``errors`` at steps divided by ``factor``."""
-    values = np.asarray(errors, dtype=float)
-    return np.log(values[:-1] / values[1:]) / np.log(factor)

@@ -24,7 +24,7 @@ class Record:
     velocity: np.ndarray  # (n, 3) at the end
     balance: np.ndarray  # (s + 1,) error of the energy balance; NaN where there are no books
     turnover: np.ndarray  # (s + 1,) energy that is there, was lost or was put in, J
-    contact: np.ndarray  # (c, 3) sample, first and second body
+    contact: np.ndarray  # (c, 4) sample, first and second body, face of a boundary or -1
     force: np.ndarray  # (c, 3) of the contact
     push: np.ndarray  # (s + 1, b, 3) force on each boundary
     ground: np.ndarray  # (s + 1,) normal force on the substrate
@@ -79,7 +79,10 @@ def record(sim: Any, window: float, samples: int = SAMPLES) -> Record:
         **columns,
         velocity=np.array(sim.particles.velocity),
         contact=np.concatenate(
-            [np.column_stack([np.full(len(c), k), c["i"], c["j"]]) for k, c in enumerate(contacts)]
+            [
+                np.column_stack([np.full(len(c), k), *(c[name] for name in ("i", "j", "face"))])
+                for k, c in enumerate(contacts)
+            ]
         ),
         force=np.concatenate([np.array(c["force"]) for c in contacts]),
         depression=_depression(sim),

@@ -16,8 +16,9 @@ from taichi_dem.folder import unwritable
 from taichi_dem.record import SAMPLES
 from taichi_dem.scene import Scene
 from taichi_dem.settings import KNOBS
-from taichi_dem.study_bench import Bench, Study
+from taichi_dem.study_bench import Bench
 from taichi_dem.study_report import report
+from taichi_dem.study_result import Study
 from taichi_dem.validation import InputError, Problem, Range, number_problem, unknown
 
 
@@ -38,8 +39,9 @@ def study(
     the median of; ``overrides`` as in :func:`taichi_dem.scene_file.read`; ``say`` takes lines for
     people.
 
-    Results are appended as they come; Ctrl-C writes what there is and raises
-    ``KeyboardInterrupt``. Raises ``InputError`` before anything is written.
+    Where nothing touches in that time, nothing is turned. Results are appended as they come; Ctrl-C
+    writes what there is and raises ``KeyboardInterrupt``. Raises ``InputError`` before anything is
+    written.
     """
     folder = Path(folder)
     scene, step, duration = _scene(scene, duration, overrides)
@@ -49,8 +51,13 @@ def study(
     bench = Bench(scene, folder, duration, samples, rounds, say)
     try:
         bench.start(step)
-        bench.ladders(knobs or KNOBS)
-        bench.combinations()
+        if bench.study.touched:
+            bench.ladders(knobs or KNOBS)
+            bench.combinations()
+    except BaseException as error:
+        interrupted = isinstance(error, KeyboardInterrupt)
+        bench.study.cut_short = "interrupted" if interrupted else "ended by an error"
+        raise
     finally:
         bench.close()
         report(bench.study, say)

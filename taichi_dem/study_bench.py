@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from taichi_dem import accuracy, orders
 from taichi_dem import study_point as table
-from taichi_dem.closed_form import rebound, rebound_error
+from taichi_dem.closed_form import flown_freely, is_over, rebound, rebound_error
 from taichi_dem.record import Record, even_step
 from taichi_dem.scene import Scene
 from taichi_dem.settings import KNOBS, REFERENCE_STEP, STEPS, Settings, ladder
 from taichi_dem.study_point import TARGETS, Point
+from taichi_dem.study_result import Study
 from taichi_dem.workers import Worker, WorkerFailed
 
 ALIVE = 8  # processes at a time
@@ -20,23 +20,6 @@ MEMBERS = 5  # of an ensemble
 PAIRED = 1 / 4  # of the stable step: that at which knobs other than the step are turned
 ROOM = 0.2  # of a target, for each knob but the step in a combination
 AIM = 0.8  # of what is left of a target, for the step
-
-
-@dataclasses.dataclass
-class Study:
-    """What a study found. ``window``: s that it covers, looked at ``samples`` times; ``last``: the
-    sample up to which trajectories are comparable, all of them unless the scene is ``chaotic``;
-    ``orders``: those fitted to the errors of the time step, by measure; ``sparse_order``: that
-    in the time between two exchanges, None where it was not measured."""
-
-    folder: Path
-    window: float
-    samples: int
-    chaotic: bool = False
-    last: int = 0
-    points: list[Point] = dataclasses.field(default_factory=list)
-    orders: dict[str, float] = dataclasses.field(default_factory=dict)
-    sparse_order: float | None = None
 
 
 class Bench:
@@ -53,10 +36,11 @@ class Bench:
         say: Callable[[str], None],
     ):
         self.scene, self.rounds, self.say = scene, rounds, say
-        self.study = Study(folder, window, samples, last=samples)
+        self.study = Study(folder, window, samples, last=samples, compared=False)
         self.records = folder / "records"
         self.exact = rebound(scene)
         self.hosted = False
+        self.twin_runs: list[Record] | None = None  # once the twin has got through
         self._workers: list[Worker] = []
 
     def close(self) -> None:
@@ -73,13 +57,14 @@ class Bench:
         worker = self._worker(tight, None)
         self.stable = self._even(worker.stable)  # so that halves are halves
         self.given = Settings.of(self.scene, self._even(given_step or worker.stable))
-        self.tight = tight.but("step", self.stable * REFERENCE_STEP)
+        self.tight = self.study.tight = tight.but("step", self.stable * REFERENCE_STEP)
         coarse = [self._reference(worker, member, self.stable) for member in (0, 1)]
         self.study.last = accuracy.comparable(*coarse)
         self.study.chaotic = self.study.last < self.study.samples
         self.references = [
             self._reference(worker, member, self.tight.step) for member in self._members()
         ]
+        self._characterize(self.references)
         self.close()
 
     def ladders(self, knobs: Sequence[str]) -> None:
@@ -92,24 +77,41 @@ class Bench:
                 continue
             turned = ladder(knob, self.scene, self.twin.settings, self.stable)
             points += [Point(knob, settings) for settings in turned]
+        self.study.turned = tuple(dict.fromkeys(point.knob for point in points))
         self._measure([*points, Point("as given", self.given)])
 
     def combinations(self) -> None:
         """For each target the loosest values that leave room for each other."""
         fitted = self._fit_orders()
-        if fitted is None:
-            return
-        order, scale = fitted
         points: list[Point] = []
         for target in TARGETS:
             settings, used = self._loosened(ROOM * target)
-            left = AIM * (target - used)
-            step = min((left / scale) ** (1 / order), self.stable)
+            step = self._step_for(AIM * (target - used), fitted)
+            if step is None or self._even(step) < 2 * self.tight.step:
+                continue
             settings = settings.at(self._even(step))
-            new = settings not in [point.settings for point in points]
-            if new and settings.step >= 2 * self.tight.step:
+            if settings not in [point.settings for point in points]:
                 points.append(Point(f"combined {target:g}", settings))
         self._measure(points)
+
+    def _step_for(self, error: float, fitted: tuple[float, float] | None) -> float | None:
+        """The largest step (s), up to the stable one, that errs by at most ``error``: by the order
+        and constant that were ``fitted``, or of those that were tried where none were."""
+        if fitted is not None:
+            order, scale = fitted
+            return min((error / scale) ** (1 / order), self.stable)
+        tried = [point for point in self.study.points if point.knob == "step"]
+        return max((p.settings.step for p in tried if p.meets(error)), default=None)
+
+    def _characterize(self, references: Sequence[Record]) -> None:
+        """What happens in the scene at all."""
+        self.study.compared = True
+        self.study.touched = not flown_freely(references[0], self.scene)
+        if self.scene.substrate is not None:
+            self.study.grounded = any(run.ground.any() for run in references)
+        before = self.scene.spheres.velocity
+        if self.exact is not None and not is_over(references[0], self.exact, before):
+            self.exact = None
 
     def _fit_orders(self) -> tuple[float, float] | None:
         """Those of each measure on record; returns order and constant of the worst error."""
@@ -148,9 +150,14 @@ class Bench:
 
     def _measure(self, points: Sequence[Point]) -> None:
         """All of ``points``, a few processes at a time, which take turns."""
+        done = self.study.planned
+        self.study.planned += len(points)
         for first in range(0, len(points), ALIVE):
             batch = points[first : first + ALIVE]
-            self.say(f"{', '.join(point.label for point in batch)} …")
+            low, high = done + first + 1, done + first + len(batch)
+            which = f"settings {low} to {high}" if high > low else f"setting {low}"
+            labels = ", ".join(point.label for point in batch)
+            self.say(f"{which} of {self.study.planned}: {labels} …")
             pairs = [(point, self._worker_of(point)) for point in batch]
             for turn in range(self.rounds):
                 for point, worker in pairs:
@@ -195,14 +202,15 @@ class Bench:
             point.error, point.uncertainty = accuracy.worst_mean(point.means)
         if point is self.twin:
             self.twin_runs = runs
-        elif point.knob in KNOBS[1:]:
-            point.alone = self._alone(runs)
+        elif point.knob in KNOBS[1:] and self.twin_runs is not None:
+            point.alone = self._alone(runs, self.twin_runs)
 
-    def _alone(self, runs: list[Record]) -> float:
+    def _alone(self, runs: list[Record], twin_runs: list[Record]) -> float:
         """The error of the one knob that is turned: against its twin, of the same step."""
         if self.study.chaotic:
-            return accuracy.worst_mean(accuracy.ensemble_errors(runs, self.twin_runs))[0]
-        found = self._errors(runs, self.twin_runs)
+            means = accuracy.ensemble_errors(runs, twin_runs)
+            return accuracy.worst({name: error for name, (error, _) in means.items()})
+        found = self._errors(runs, twin_runs)
         if "energy drift" in found:  # which is no difference of two runs
             found["energy drift"] -= self.twin.errors["energy drift"]
         return accuracy.worst(found)

@@ -35,6 +35,8 @@ COLUMNS = (
     "uncertainty",
     "error_of_knob",
     "seconds_per_simulated_second",
+    "least_seconds_per_simulated_second",
+    "largest_seconds_per_simulated_second",
     "compile_s",
     "rounds",
     *(name.replace(" ", "_") for name in MEASURES),
@@ -89,6 +91,8 @@ class Point:
             "uncertainty": self.uncertainty,
             "error_of_knob": self.alone,
             "seconds_per_simulated_second": self.cost,
+            "least_seconds_per_simulated_second": min(self.seconds, default=self.cost),
+            "largest_seconds_per_simulated_second": max(self.seconds, default=self.cost),
             "compile_s": self.built,
             "rounds": len(self.seconds),
         }

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from taichi_dem import style
+from taichi_dem.orders import NOISE
 from taichi_dem.settings import KNOBS, Settings
 from taichi_dem.study_point import TARGETS, Point, cheapest, pareto, write
-from taichi_dem.wording import quantity
+from taichi_dem.study_result import Study
+from taichi_dem.wording import count, quantity
 from taichi_dem.writing import write_text
 
 if TYPE_CHECKING:
@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 
 WORDS, PICTURE = "study.txt", "study.png"
 FLOOR = 1e-16  # where an error of zero is drawn
+GROUND = ("tolerance", "residual", "coupling", "exchange")  # knobs of the substrate
 
 
-def report(study: Any, say: Callable[[str], None]) -> None:
+def report(study: Study, say: Callable[[str], None]) -> None:
     """Write the table again in one piece, ``study.txt`` and, with matplotlib, ``study.png``."""
     write(study.folder, study.points)
     lines = list(sentences(study))
@@ -37,36 +38,31 @@ def report(study: Any, say: Callable[[str], None]) -> None:
         say(f"no picture: it needs the {error.name} library, pip install 'taichi-dem[view]'")
 
 
-def sentences(study: Any) -> Iterator[str]:
-    """What was compared, the order, what stopped, and the cheapest setting for each target."""
-    yield _compared(study)
-    if study.orders:
-        listed = ", ".join(f"{name} {order:.2f}" for name, order in study.orders.items())
-        yield f"orders of convergence in the time step: {listed}"
-    if study.sparse_order is not None:
-        yield f"order in the time from one exchange to the next: {study.sparse_order:.2f}"
-    for point in study.points:
-        if not point.seconds:
-            yield f"{point.knob}, {described(point.settings)}: {point.outcome}"
-    for target in TARGETS:
-        yield _cheapest(study, target)
+def sentences(study: Study) -> Iterator[str]:
+    """What was compared, the order, what stopped, and the cheapest setting for each target; of
+    what was not measured, nothing."""
+    if study.cut_short:
+        yield _cut_short(study)
+    if study.compared:
+        yield from _found(study) if study.touched else [_untouched(study)]
 
 
-def described(settings: Settings) -> str:
-    """Settings in words, without those that the scene does not have."""
-    parts = [f"step {quantity(settings.step, 's')}"]
+def described(settings: Settings, knobs: Collection[str] = KNOBS) -> str:
+    """Settings in words, by ``knobs``, without those that the scene does not have."""
+    words = {"step": f"step {quantity(settings.step, 's')}"}
     if settings.coupling is not None:
-        parts.append(f"coupling {settings.coupling}")
+        words["coupling"] = f"coupling {settings.coupling}"
     if settings.exchange is not None:
-        parts.append(f"exchange {settings.exchange}")
-        parts += [f"residual {settings.residual:g}", f"tolerance {settings.tolerance:g}"]
-    parts.append(f"{settings.precision} precision")
+        words["exchange"] = f"exchange {settings.exchange}"
+        words["residual"] = f"residual {settings.residual:g}"
+        words["tolerance"] = f"tolerance {settings.tolerance:g}"
+    words["precision"] = f"{settings.precision} precision"
     if settings.skin is not None:
-        parts.append(f"skin {quantity(settings.skin, 'm')}")
-    return ", ".join(parts)
+        words["skin"] = f"skin {quantity(settings.skin, 'm')}"
+    return ", ".join(said for knob, said in words.items() if knob in knobs)
 
 
-def picture(study: Any) -> Figure:
+def picture(study: Study) -> Figure:
     """Error against wall time per simulated second, one colour per knob, and the Pareto front."""
     drawing = style.figure(6.4, 4.4)
     axes = drawing.subplots()
@@ -105,7 +101,7 @@ def picture(study: Any) -> Figure:
     return drawing
 
 
-def _of_worst(study: Any, points: list[Point]) -> float:
+def _of_worst(study: Study, points: list[Point]) -> float:
     """The order of the measure that is worst at the largest step."""
     errors = {name: points[0].errors.get(name, 0.0) for name in study.orders}
     return study.orders[max(errors, key=lambda name: errors[name])]
@@ -115,30 +111,91 @@ def _kind(point: Point) -> str:
     return point.knob.partition(" 1e")[0].partition(" 0.")[0]
 
 
-def _compared(study: Any) -> str:
-    whole = quantity(study.window, "s")
-    if not study.chaotic:
-        return (
-            f"trajectories stay comparable over all {whole}: errors are those of trajectories, "
-            "contact forces, energy, depression and pistons, the worst of them counts"
-        )
-    samples = study.last / study.samples * study.window
+def _cut_short(study: Study) -> str:
+    if not study.compared:
+        return f"{study.cut_short} before there was a reference: nothing was compared"
+    return f"{study.cut_short} after {len(study.points)} of {count(study.planned, 'setting')}"
+
+
+def _untouched(study: Study) -> str:
     return (
-        f"chaotic: trajectories stay comparable over {quantity(samples, 's')} of {whole}; errors "
-        "are those of means over an ensemble of perturbed runs, with their uncertainty"
+        f"nothing touched in these {quantity(study.window, 's')}: only free flight was compared, "
+        "which no knob changes; choose a longer --duration or a later state"
     )
 
 
-def _cheapest(study: Any, target: float) -> str:
+def _found(study: Study) -> Iterator[str]:
+    yield _compared(study)
+    if study.tight is not None:
+        yield _turned(study, study.tight)
+    if study.grounded is False and not any(map(_moved_ground, study.points)):
+        yield (
+            f"nothing touched the substrate in these {quantity(study.window, 's')}: "
+            f"{', '.join(GROUND)} change nothing here"
+        )
+    if study.orders:
+        listed = ", ".join(f"{name} {order:.2f}" for name, order in study.orders.items())
+        yield f"orders of convergence in the time step: {listed}"
+    if study.sparse_order is not None:
+        yield f"order in the time from one exchange to the next: {study.sparse_order:.2f}"
+    for point in study.points:
+        if not point.seconds:
+            yield f"{point.knob}, {_advised(study, point)}: {point.outcome}"
+    if any(point.seconds for point in study.points):
+        for target in TARGETS:
+            yield _cheapest(study, target)
+    elif not study.cut_short:
+        yield "no setting got through: nothing was measured"
+
+
+def _compared(study: Study) -> str:
+    whole = quantity(study.window, "s")
+    found = [point.means if study.chaotic else point.errors for point in study.points]
+    names = ", ".join(dict.fromkeys(name for each in found for name in each))
+    if not study.chaotic:
+        errors = f": errors are those of {names}; the worst of them counts" if names else ""
+        return f"trajectories stay comparable over all {whole}{errors}"
+    samples = study.last / study.samples * study.window
+    errors = (
+        "; errors are those of means over an ensemble of perturbed runs, with their uncertainty"
+    )
+    return f"chaotic: trajectories stay comparable over {quantity(samples, 's')} of {whole}" + (
+        f"{errors}: {names}" if names else ""
+    )
+
+
+def _turned(study: Study, tight: Settings) -> str:
+    said = f"turned: {', '.join(study.turned)}"
+    rest = described(tight, [knob for knob in KNOBS if knob not in study.turned])
+    return f"{said}; all else at its tightest ({rest})" if rest else said
+
+
+def _moved_ground(point: Point) -> bool:
+    """Whether it turned what the substrate is solved with, and that changed something."""
+    return point.knob in GROUND and point.alone is not None and point.alone > NOISE
+
+
+def _advised(study: Study, point: Point) -> str:
+    """The settings of ``point`` that were turned or are not the tightest."""
+    if study.tight is None:
+        return described(point.settings)
+    loose = [k for k in KNOBS if getattr(point.settings, k) != getattr(study.tight, k)]
+    return described(point.settings, {*study.turned, *loose})
+
+
+def _cheapest(study: Study, target: float) -> str:
     point = cheapest(study.points, target)
+    so_far, over = " so far" if study.cut_short else "", f"over {quantity(study.window, 's')}"
     if point is not None:
         return (
-            f"error {target:g}: {described(point.settings)} is the cheapest, "
-            f"{quantity(point.cost, 's')} per simulated second; its error is {point.error:.2g}"
+            f"error {target:g}: {_advised(study, point)} is the cheapest{so_far}, "
+            f"{quantity(point.cost, 's')} per simulated second; "
+            f"{over} its error is {point.error:.2g}"
         )
-    if not study.points:
-        return f"error {target:g}: nothing was measured"
-    least = min((p.error + 2 * p.uncertainty for p in study.points), default=np.inf)
-    doubt = max((p.uncertainty for p in study.points if p.seconds), default=0.0)
+    least = min(p.error + 2 * p.uncertainty for p in study.points)
+    doubt = max(p.uncertainty for p in study.points if p.seconds)
     why = f"; the ensemble tells no more than {doubt:.2g}" if doubt > target / 2 else ""
-    return f"error {target:g}: met by none of the settings tried; the least is {least:.2g}{why}"
+    return (
+        f"error {target:g}: met by none of the settings tried{so_far}; {over} the least is "
+        f"{least:.2g}{why}"
+    )

@@ -4,32 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
+from records import made
 from setups import GLASS, law, scene
 
 import taichi_dem as dem
 from taichi_dem import accuracy
-from taichi_dem.closed_form import rebound, rebound_error
-from taichi_dem.record import Record, even_step, record
+from taichi_dem.closed_form import flown_freely, is_over, rebound, rebound_error
+from taichi_dem.record import even_step, record
 
 R = 1e-3
-
-
-def made(samples=8, n=3, seed=1):
-    """A record with all there can be in it."""
-    rng = np.random.default_rng(seed)
-    rows = samples + 1
-    return Record(
-        time=np.linspace(0, 1, rows),
-        position=rng.normal(size=(rows, n, 3)),
-        velocity=rng.normal(size=(n, 3)),
-        balance=1e-3 * rng.normal(size=rows),
-        turnover=np.linspace(1, 2, rows),
-        contact=np.array([[k, 0, 1] for k in range(rows)]),
-        force=rng.normal(size=(rows, 3)),
-        push=rng.normal(size=(rows, 1, 3)),
-        ground=np.ones(rows),
-        depression=rng.uniform(1, 2, 9),
-    )
 
 
 def test_a_run_is_as_it_is():
@@ -61,9 +44,28 @@ def test_a_contact_that_is_missing_counts_in_full():
     assert accuracy.errors(none, run, 8)["contact force"] == pytest.approx(1.0)
 
 
+def test_faces_of_one_boundary_are_contacts_of_their_own():
+    """A sphere in the corner of a box: all three faces bear the number of the box."""
+    corner = np.array([[k, 0, -2, face] for k in range(9) for face in (0, 2, 4)])
+    run = dataclasses.replace(made(), contact=corner, force=np.tile(np.eye(3), (9, 1)))
+    assert accuracy.errors(run, run, 8)["contact force"] == 0
+    force = run.force.copy()
+    force[::3, 0] += 100  # the last two of three faces are right
+    wrong = dataclasses.replace(run, force=force)
+    assert accuracy.errors(wrong, run, 8)["contact force"] == pytest.approx(100 / np.sqrt(3))
+
+
 def test_what_is_not_a_number_is_no_small_error():
     assert accuracy.worst({"a": 1e-3, "b": float("nan")}) == float("inf")
     assert accuracy.worst({}) == float("inf")
+
+
+def test_the_worst_mean_is_the_one_that_may_be_worst():
+    found = {"surely": (2e-2, 1e-3), "perhaps": (1e-2, 1e-2)}
+    assert accuracy.worst_mean(found) == (1e-2, 1e-2)
+    assert accuracy.worst_mean({}) == (float("inf"), 0.0)
+    lost = {"lost": (float("nan"), 0.0), **found}
+    assert accuracy.worst_mean(lost) == (float("inf"), 0.0)
 
 
 def test_comparable_until_a_perturbation_has_grown():
@@ -108,6 +110,15 @@ def test_a_record_is_of_the_same_times_whatever_the_step():
     assert np.allclose(runs[0].position[:, 0, 2], fallen, rtol=1e-12)
 
 
+def test_a_record_tells_the_faces_of_a_box_apart():
+    """A sphere that presses into a corner."""
+    box = dem.Box((0, 0, 0), (10 * R, 10 * R, 10 * R), GLASS)
+    setup = scene([[0.99 * R] * 3, [5 * R] * 3], R, law=law(), boundaries=[box])
+    found = record(dem.Simulation(setup), 4e-5, 4).contact
+    assert found.shape == (15, 4) and len(np.unique(found, axis=0)) == 15
+    assert set(found[:, 2]) == {-2} and len(set(found[:, 3])) == 3
+
+
 def test_two_spheres_part_as_they_should():
     setup = scene(
         [[0, 0, 0], [3 * R, 0, 0]],
@@ -124,6 +135,63 @@ def test_two_spheres_part_as_they_should():
     assert not len(sim.contacts())
     assert rebound_error(sim.particles.velocity, exact, setup.spheres.velocity) < 5e-3
     assert rebound_error(exact, exact, setup.spheres.velocity) == 0
+
+
+def flight(setup, duration, velocity=None, rows=9):
+    """The record of spheres that nothing touches, until at the end they have ``velocity``."""
+    spheres, time = setup.spheres, np.linspace(0, duration, rows)[:, None, None]
+    way = spheres.velocity * time + 0.5 * np.asarray(setup.gravity) * time**2
+    return dataclasses.replace(
+        made(rows - 1, spheres.count),
+        time=time[:, 0, 0],
+        position=spheres.position + way,
+        velocity=spheres.velocity if velocity is None else velocity,
+        contact=np.empty((0, 4), dtype=int),
+        force=np.empty((0, 3)),
+    )
+
+
+@pytest.mark.parametrize("ahead", [-0.1, 0.39])  # m/s, of the one in front
+def test_an_impact_after_the_end_is_none(ahead):
+    """Two spheres that meet at 10 ms, or only just catch up."""
+    toward = [[0.4, 0, 0], [ahead, 0, 0]]
+    setup = scene([[0, 0, 0], [7 * R, 0, 0]], R, velocity=toward, law=law(0.5))
+    exact, before = rebound(setup), setup.spheres.velocity
+    assert not is_over(flight(setup, 2e-3), exact, before)
+    after = flight(setup, 2e-2, exact + 1e-3)
+    assert is_over(after, exact, before)
+    last = np.array([[8, 0, 1, -1]])
+    pressed = dataclasses.replace(after, contact=last, force=np.ones((1, 3)))
+    assert not is_over(pressed, exact, before)
+
+
+def test_a_free_flight_is_known_as_one():
+    """Also where an impact fell between two samples."""
+    setup = scene([[0, 0, 0], [7 * R, 0, 0]], R, velocity=0.3, law=law(), gravity=(0, 0, -9.81))
+    run = flight(setup, 0.1)
+    assert flown_freely(run, setup)
+    knocked = run.position.copy()
+    knocked[5:, 1, 0] += 1e-4 * R
+    assert not flown_freely(dataclasses.replace(run, position=knocked), setup)
+    contact, force = np.array([[0, 0, 1, -1]]), np.zeros((1, 3))
+    assert not flown_freely(dataclasses.replace(run, contact=contact, force=force), setup)
+
+
+def test_no_closed_form_on_ground_that_is_no_elastic_half_space():
+    ground = dem.Substrate(GLASS)
+    grounds = {
+        "half-space": ground,
+        "layer": dataclasses.replace(ground, layer=dem.Layer(5 * R)),
+        "creep": dataclasses.replace(
+            ground, coupling="point", relaxation=dem.Relaxation(GLASS.youngs_modulus / 2, 1e-3)
+        ),
+    }
+    known = {
+        name: rebound(scene([[0, 0, 2 * R]], R, velocity=[0, 0, -1], law=law(), substrate=soil))
+        for name, soil in grounds.items()
+    }
+    assert np.allclose(known["half-space"], [[0, 0, 1]])
+    assert known["layer"] is None and known["creep"] is None
 
 
 def test_a_closed_form_only_where_there_is_one():

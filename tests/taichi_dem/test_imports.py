@@ -24,8 +24,8 @@ LAYERS = {
     "simulation": "alerts asked schedule simulation moments neglect cost",
     "outputs": "style wording snapshot frames progress output bed dents plot",
     "tools": "streams folder run oddities check settings record accuracy orders closed_form "
-    "worker workers study_point study_report study_bench studies pilot choice asked_error cli "
-    "__main__",
+    "worker workers study_point study_result study_report study_bench studies pilot choice "
+    "asked_error cli __main__",
 }
 MAY_IMPORT = {
     "scene": {"scene"},

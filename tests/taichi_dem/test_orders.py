@@ -97,9 +97,16 @@ def test_the_fit_finds_the_order_that_is_there(order, reference):
     errors = 3.0 * (steps**order - reference**order)
     found = orders.fit(steps, errors, reference)
     assert found == pytest.approx((order, 3.0), rel=1e-6)
-    assert orders.observed(3 * steps**order) == pytest.approx(order)
 
 
 def test_no_order_without_errors():
     assert orders.fit([1, 0.5], [0.0, 0.0]) is None
     assert orders.fit([1, 0.5], [1.0, np.inf]) is None
+
+
+@pytest.mark.parametrize("reference", [0.0, 1 / 32])
+def test_no_order_of_what_does_not_go_with_the_step(reference):
+    steps = [1, 1 / 2, 1 / 4, 1 / 8]
+    assert orders.fit(steps, [1.5] * 4, reference) is None
+    assert orders.fit(steps, [1e-2, 1e-5, 1e-8, 1e-11], reference) is None
+    assert orders.fit(steps, [4e-12, 1e-12, 2e-13, 1e-12], reference) is None

@@ -244,6 +244,10 @@ def test_every_mistake_is_named_and_nothing_is_written(scene, tmp_path):
     ("arguments", "said"),
     [
         (["--duration", "-1"], "run.duration = -1.0: must be > 0 s"),
+        (
+            ["--set", "run.steps=100", "--duration", "0.1"],
+            "--duration = 0.1: --set run.steps=100 says how long, too; give one of them",
+        ),
         (["--set", "gravity"], "--set = gravity: must be KEY=VALUE"),
         (["--set", "run.dt=1"], "run.dt = 1: must be at most the duration, "),
         (["--set", "spheres.velocity=[true]"], "spheres.velocity[0] = true: must be a number; "),

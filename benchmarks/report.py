@@ -71,7 +71,9 @@ def write(folder: Path, name: str, options: dict[str, Any], figures: Sequence[Fi
 
 
 def machine() -> dict[str, Any]:
-    """The processor, and how busy it was when the benchmark ended."""
+    """The processor, its cores that may be used, and how busy it was when the benchmark ended."""
+    from halfspace.backend import cores  # which reads the environment: a benchmark may set it first
+
     model = platform.processor()
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
@@ -81,7 +83,7 @@ def machine() -> dict[str, Any]:
     load = os.getloadavg() if hasattr(os, "getloadavg") else ()
     return {
         "processor": model,
-        "cores": os.cpu_count(),
+        "cores": cores(),
         "load": [round(value, 2) for value in load],
         "python": platform.python_version(),
         "threads": os.environ.get("HALFSPACE_THREADS"),

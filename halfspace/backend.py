@@ -4,7 +4,7 @@ Environment variables, read when this module is first imported:
 
 ``HALFSPACE_BACKEND``    ``taichi`` (default) or ``quadrants``, its maintained fork
 ``HALFSPACE_PRECISION``  ``double`` (default) or ``single``
-``HALFSPACE_THREADS``    threads of the parallel loops; default: every core
+``HALFSPACE_THREADS``    threads of the parallel loops; default: one for each of :func:`cores`
 """
 
 import importlib
@@ -25,8 +25,15 @@ def _choice(variable: str, allowed: tuple[str, ...]) -> str:
     return value
 
 
+def cores() -> int:
+    """So many this process may use: ``taskset``, batch systems and containers give it a few."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def _thread_count() -> int:
-    value = os.environ.get("HALFSPACE_THREADS", str(os.cpu_count() or 1))
+    value = os.environ.get("HALFSPACE_THREADS", str(cores()))
     if not value.isdigit() or int(value) < 1:
         raise ValueError(f"HALFSPACE_THREADS = {value}: must be a whole number >= 1")
     return int(value)

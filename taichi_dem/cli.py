@@ -6,15 +6,19 @@ Nothing heavy is imported before a command needs it, so that ``--help`` answers 
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 DONE, FAILED, WRONG_INPUT, STOPPED, INTERRUPTED = 0, 1, 2, 3, 130
 
 EXITS = """\
 exit codes: 0 done, 1 could not write, 2 wrong input (nothing is written),
-            3 stopped by a guard (the last good state is kept), 130 interrupted with Ctrl-C
+            3 stopped by a guard (the last good state is kept), 130 interrupted (Ctrl-C, SIGTERM)
 """
 
 
@@ -22,8 +26,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     from taichi_dem.streams import lasting
 
-    with lasting():
+    with lasting(), _interruptible():
         return _main(arguments)
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """In the block Ctrl-C is heard also in what a shell has put in the background, and SIGTERM, by
+    which ``timeout``, batch systems and containers end a process, does what Ctrl-C does."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, frame: Any) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # `timeout` sends it twice
+        interrupt = signal.getsignal(signal.SIGINT)  # within a run, it waits for the end of a step
+        assert callable(interrupt)
+        interrupt(number, frame)
+
+    handlers = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: end}
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _main(arguments: Sequence[str] | None) -> int:

@@ -214,7 +214,7 @@ class Engine:
         if reasons & 1 << OVERPRESSED:
             self._stop(*guards.overpressed(self.records()))
         if reasons & 1 << UNSOLVED:
-            self._stop(self.ground.trouble, None)
+            self._stop(self.ground.trouble, None, self.ground.setting_behind)
         return reasons
 
     def _stop_at_nonsense(self) -> None:
@@ -222,10 +222,10 @@ class Engine:
         if found := guards.nonsense(self.particles, boundaries, step, smallest):
             self._stop(*found)
 
-    def _stop(self, why: str, row: int | None) -> None:
+    def _stop(self, why: str, row: int | None, setting: guards.Setting | None = None) -> None:
         message = self._at_present(why)
         self.good.restore(self)
-        raise SimulationStopped(message, row, self.good.known)
+        raise SimulationStopped(message, row, self.good.known, setting)
 
     def _at_present(self, why: str) -> str:
         return f"at t = {self.step * self.time_step:.6g} s {why}."

@@ -10,6 +10,7 @@ from taichi_dem.control import Control
 from taichi_dem.creep import Creep
 from taichi_dem.effects import Effects
 from taichi_dem.exchange import Exchange
+from taichi_dem.extrapolation import Extrapolation
 from taichi_dem.hosted import NO_EQUILIBRIUM, HostedExchange
 from taichi_dem.lagged import LaggedWatch
 from taichi_dem.material import Material
@@ -149,10 +150,23 @@ class Ground:
     @property
     def trouble(self) -> str:
         """Why the exchange has called for a stop."""
+        if (between := self._lost_between) is not None:
+            return between.reason()
+        return NO_EQUILIBRIUM if self.host is None else self.host.trouble
+
+    @property
+    def setting_behind(self) -> tuple[str, Any] | None:
+        """Which entry of the scene is behind that, and its value, if it is one."""
+        between = self._lost_between
+        return None if between is None else ("substrate.exchange_every", int(between.every[None]))
+
+    @property
+    def _lost_between(self) -> Extrapolation | None:
+        """What carries the ground on between exchanges, if a contact swings too far meanwhile."""
         exchange = self.exchange
         if exchange is not None and exchange.extrapolates and exchange.between.lost:
-            return exchange.between.reason()
-        return NO_EQUILIBRIUM if self.host is None else self.host.trouble
+            return exchange.between
+        return None
 
     def doubts(self) -> dict[str, int]:
         """How often so far what its model assumes did not hold, by name."""

@@ -11,6 +11,7 @@ from taichi_dem.types import real, ti
 from taichi_dem.views import relative_overlaps
 
 Reason = tuple[str, int | None]  # the words for it, and the sphere that it is about
+Setting = tuple[str, Any]  # an entry of a scene, and its value
 FARTHEST_STEP = 0.25  # of its radius that a sphere may move in one step
 
 
@@ -20,16 +21,23 @@ class SimulationStopped(RuntimeError):
     The simulation goes back to ``last_good``, its contacts remembering what they did then.
 
     ``last_good`` holds time, step, position, velocity and omega of the last state that was known
-    to be sound; ``particle`` is the sphere that gave the reason, or None.
+    to be sound; ``particle`` is the sphere that gave the reason, or None; ``setting`` the entry of
+    the scene that did, with its value, or None.
     """
 
-    def __init__(self, message: str, particle: int | None, last_good: dict[str, Any]):
+    def __init__(
+        self,
+        message: str,
+        particle: int | None,
+        last_good: dict[str, Any],
+        setting: Setting | None = None,
+    ):
         super().__init__(message)
-        self.particle, self.last_good = particle, last_good
+        self.particle, self.last_good, self.setting = particle, last_good, setting
 
     def __reduce__(self) -> tuple[Any, ...]:
         """What another process needs to raise it there."""
-        return type(self), (str(self), self.particle, self.last_good)
+        return type(self), (str(self), self.particle, self.last_good, self.setting)
 
 
 @ti.kernel

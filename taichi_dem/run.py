@@ -99,9 +99,7 @@ def run(
 
 def read(path: Path, overrides: Sequence[str], duration: float | None) -> tuple[Scene, Run]:
     """The scene at ``path`` and how long to run it; ``InputError`` if nothing says so."""
-    if duration is not None:
-        overrides = [*overrides, f"run.duration={float(duration)!r}"]
-    scene, plan = scene_file.read(path, overrides)
+    scene, plan = scene_file.read(path, overrides, duration=duration)
     if plan.duration is None and plan.steps is None:
         rule = "is missing: give it (s) or run.steps in the file, or --duration"
         raise InputError([Problem("run.duration", None, rule)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -47,12 +47,18 @@ INSTEAD = {"run.steps": "duration", "run.duration": "steps"}  # which a replaced
 UNKNOWN_MATERIAL = Material("unknown", density=1.0, youngs_modulus=1.0, poissons_ratio=0.0)
 
 
-def read(path: str | Path, overrides: Iterable[str] = (), laws: Any = None) -> tuple[Scene, Run]:
+def read(
+    path: str | Path,
+    overrides: Sequence[str] = (),
+    laws: Any = None,
+    duration: float | None = None,
+) -> tuple[Scene, Run]:
     """The scene in a file and how to run it.
 
     ``overrides`` replace entries: ``law.normal.restitution=0.5``, ``boundaries[1].velocity=-1``;
     the value is TOML, or else text; ``run.steps`` takes the place of a ``run.duration`` and the
-    other way round. Files that the scene names are sought from its folder. In place
+    other way round. ``duration`` (s) does so, too; an override that says how long is a mistake
+    beside it. Files that the scene names are sought from its folder. In place
     of :mod:`taichi_dem.contacts.law`, ``laws`` may offer ``Law`` and ``LAWS``. Raises
     ``InputError`` with every mistake that was found.
     """
@@ -63,7 +69,7 @@ def read(path: str | Path, overrides: Iterable[str] = (), laws: Any = None) -> t
         raise InputError([Problem(str(path), None, unreadable(error))]) from None
     if laws is None:
         from taichi_dem.contacts import law as laws
-    return _Reader(path.parent, laws).read(document, overrides)
+    return _Reader(path.parent, laws).read(document, overrides, duration)
 
 
 class _Reader(Tables):
@@ -80,9 +86,17 @@ class _Reader(Tables):
         self.folder, self.laws = folder, laws
         self.materials: dict[str, Material] = {}
 
-    def read(self, document: dict[str, Any], overrides: Iterable[str]) -> tuple[Scene, Run]:
+    def read(
+        self, document: dict[str, Any], overrides: Sequence[str], duration: float | None
+    ) -> tuple[Scene, Run]:
         for text in overrides:
             self.override(document, text)
+        if duration is not None:
+            for text in overrides:
+                if text.partition("=")[0].strip() in INSTEAD:
+                    rule = f"--set {text} says how long, too; give one of them"
+                    self.note("--duration", duration, rule)
+            self.put(document, "run.duration", duration)
         document = self.table(document, "", KEYS)
         for name, table in self.table(document.get("materials", {}), "materials").items():
             material = self.build(Material, table, f"materials.{name}", name=name)
@@ -117,7 +131,11 @@ class _Reader(Tables):
         if not equals or not all(path.split(".")):
             rule = "must be KEY=VALUE, like law.normal.restitution=0.5"
             self.note("--set", text, rule)
-        elif problem := override(document, path, parsed):
+        else:
+            self.put(document, path, parsed)
+
+    def put(self, document: dict[str, Any], path: str, value: Any) -> None:
+        if problem := override(document, path, value):
             self.problems.append(problem)
         elif path in INSTEAD:
             document["run"].pop(INSTEAD[path], None)

@@ -86,7 +86,8 @@ class Simulation:
         try:
             self._engine = Engine(scene, effects, coefficients, self.dt, driver, max_overlap, skin)
         except SimulationStopped as stop:
-            raise InputError([Problem("spheres.position", None, str(stop))]) from None
+            key, value = stop.setting or ("spheres.position", None)
+            raise InputError([Problem(key, value, str(stop))]) from None
         self._first_energy = _total(self._energy_parts())
 
     def restart(

@@ -70,12 +70,10 @@ def _scene(
     """The scene, the step that its file asks for, and the time to cover."""
     step = None
     if not isinstance(scene, Scene):
-        scene, plan = scene_file.read(scene, overrides)
-        step = plan.dt
-        if duration is None:
-            duration = plan.duration
-            if plan.steps is not None and plan.dt is not None:
-                duration = plan.steps * plan.dt
+        scene, plan = scene_file.read(scene, overrides, duration=duration)
+        step, duration = plan.dt, plan.duration
+        if plan.steps is not None and plan.dt is not None:
+            duration = plan.steps * plan.dt
     if duration is None:
         raise InputError([Problem("duration", None, "is missing: must be given, in s")])
     return scene, step, duration

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import statistics
 import sys
 import time
@@ -29,6 +30,7 @@ WARM_UP_STEPS = 70  # every driver is compiled and has been tried within these
 def main() -> None:
     """Answer the lines of standard input on standard output; what libraries print goes to
     standard error."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # for the one that asks, as Ctrl-C is
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     warnings.simplefilter("ignore")

@@ -59,6 +59,28 @@ def test_single_precision_follows_double(double, tmp_path):
     assert not np.array_equal(single["position"], double["position"])
 
 
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="no process keeps to some cores")
+def test_there_are_as_many_threads_as_cores_to_use():
+    """One beside another on one core would only wait for it."""
+    code = """
+import os
+allowed = sorted(os.sched_getaffinity(0))
+os.sched_setaffinity(0, allowed[:{cores}])
+from halfspace import backend
+print(backend.THREADS)
+"""
+    environment = {name: value for name, value in os.environ.items() if name != "HALFSPACE_THREADS"}
+    for cores in (1, len(os.sched_getaffinity(0))):
+        done = subprocess.run(
+            [sys.executable, "-c", code.format(cores=cores)],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert int(done.stdout) == cores
+
+
 @pytest.mark.parametrize(
     ("variable", "value", "right"),
     [

@@ -248,6 +248,10 @@ def test_every_mistake_is_named_and_nothing_is_written(scene, tmp_path):
     ("arguments", "said"),
     [
         (["--duration", "-1"], "run.duration = -1.0: must be > 0 s"),
+        (
+            ["--set", "run.steps=100", "--duration", "0.1"],
+            "--duration = 0.1: --set run.steps=100 says how long, too; give one of them",
+        ),
         (["--set", "gravity"], "--set = gravity: must be KEY=VALUE"),
         (["--set", "run.dt=1"], "run.dt = 1: must be at most the duration, "),
         (["--set", "spheres.velocity=[true]"], "spheres.velocity[0] = true: must be a number; "),
@@ -322,7 +326,14 @@ def test_a_wrong_environment_is_wrong_input(scene):
 # Ends that are not the plan's
 
 
-def test_ctrl_c_leaves_everything_on_disk(scene, tmp_path):
+@pytest.mark.parametrize(
+    "signals",
+    [
+        pytest.param([signal.SIGINT], id="ctrl-c", marks=pytest.mark.slow),
+        pytest.param([signal.SIGTERM] * 2, id="timeout"),  # which tells the process, then its group
+    ],
+)
+def test_an_interrupted_run_leaves_everything_on_disk(signals, scene, tmp_path):
     target = tmp_path / "out"
     settings = ["--set", "run.history=1e-4", "--set", "run.frames=1e-3", "--cost"]
     run = process("run", scene, "-o", target, "--duration", "1e4", *settings)
@@ -332,7 +343,8 @@ def test_ctrl_c_leaves_everything_on_disk(scene, tmp_path):
             history.exists() and history.read_bytes().count(b"\n") > 5
         ):
             time.sleep(0.05)
-        run.send_signal(signal.SIGINT)
+        for number in signals:
+            run.send_signal(number)
         out, err = run.communicate()
     finally:
         run.kill()
@@ -346,6 +358,32 @@ def test_ctrl_c_leaves_everything_on_disk(scene, tmp_path):
     assert np.array_equal(last.position, state.position)
     assert all((target / f).exists() for files in read_index(target).values() for f in files)
     assert {path.name for path in target.glob("*.png")} == PICTURES
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_every_command_is_interrupted_also_in_the_background(number, scene, tmp_path):
+    """A shell has what its scripts put there ignore Ctrl-C, and children inherit that."""
+    target = tmp_path / "out"
+    deaf = "import os, signal, sys; signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+    deaf += "os.execv(sys.executable, [sys.executable, '-m', 'taichi_dem', *sys.argv[1:]])"
+    command = [sys.executable, "-c", deaf, "study", scene, "-o", target, "--duration", "1e-3"]
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    run = subprocess.Popen(command, env=env, stderr=subprocess.PIPE, text=True)
+    try:
+        while run.poll() is None and not (target / "study.csv").exists():
+            time.sleep(0.05)
+        run.send_signal(number)
+        _, err = run.communicate()
+    finally:
+        run.kill()
+    assert run.returncode == cli.INTERRUPTED and err == "taichi-dem: interrupted\n"
+    assert (target / "study.txt").exists()
+
+
+def test_signals_are_as_they_were_after_a_command(tmp_path):
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    assert cli.main(["plot", str(tmp_path / "none")]) != cli.DONE
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
 
 
 def test_a_guard_keeps_the_last_good_state(scene, tmp_path, capsys):

@@ -1,5 +1,6 @@
 """The ground solved for every few steps, and extrapolated between."""
 
+import pickle
 import warnings
 
 import numpy as np
@@ -11,6 +12,7 @@ import taichi_dem as dem
 from taichi_dem import check
 from taichi_dem import engine as engine_module
 from taichi_dem import exchange as exchange_module
+from taichi_dem import simulation as simulation_module
 
 FAR = pytest.mark.filterwarnings("ignore:a contact with the substrate turns")
 R = 5e-3
@@ -155,6 +157,26 @@ def test_what_swings_too_far_is_warned_of_and_stopped(sim):
     assert sim.warnings["sparse_exchange"] == 4
     with pytest.raises(dem.SimulationStopped, match=r"1\.05 rad.* exchange_every = 2 or"):
         begin(sim, velocity, 8, 48)
+
+
+def test_a_mistake_is_told_by_what_it_is_put_down_to(sim, monkeypatch):
+    """What stops a simulation before its first step is one."""
+    with pytest.raises(dem.SimulationStopped) as stopped:
+        begin(sim, np.zeros(4), 8, 48)
+    stop = stopped.value
+    assert pickle.loads(pickle.dumps(stop)).setting == ("substrate.exchange_every", 8)
+
+    def stops(*_):
+        raise stop
+
+    monkeypatch.setattr(simulation_module, "Engine", stops)
+    with pytest.raises(dem.InputError) as mistake:
+        dem.Simulation(bed(exchange_every=8))
+    assert str(mistake.value) == f"substrate.exchange_every = 8: {stop}"
+    stop.setting = None
+    with pytest.raises(dem.InputError) as mistake:
+        dem.Simulation(bed(exchange_every=8))
+    assert str(mistake.value) == f"spheres.position: {stop}"
 
 
 def test_a_sphere_that_the_last_exchange_did_not_know_is_counted(sim):

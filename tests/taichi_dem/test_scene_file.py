@@ -313,6 +313,20 @@ def test_mistakes_name_key_value_and_rule(path, overrides, lines):
 def test_a_replaced_length_takes_the_place_of_the_other(path):
     assert read(path, ["run.steps=3"], LAWS)[1].duration is None
     assert read(path, ["run.steps=3", "run.duration=1"], LAWS)[1].steps is None
+    steps = path.with_name("steps.toml")
+    steps.write_text(path.read_text().replace("duration = 0.5", "steps = 3"))
+    assert read(steps, [], LAWS)[1].steps == 3
+    plan = read(steps, [], LAWS, 0.1)[1]
+    assert (plan.duration, plan.steps) == (0.1, None)
+
+
+def test_a_length_is_given_once(path):
+    for text in ("run.steps=100", " run.duration = 0.2"):
+        with pytest.raises(InputError) as error:
+            read(path, ["gravity=1", text], LAWS, 0.1)
+        said = str(error.value).splitlines()
+        assert said[0] == f"--duration = 0.1: --set {text} says how long, too; give one of them"
+        assert said[1].startswith("gravity = 1: ") and len(said) == 2
 
 
 def test_what_is_left_out_is_asked_for_in_words_of_the_file(path):

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -337,9 +336,7 @@ def test_ctrl_c_leaves_what_there_is(tmp_path):
     command = [sys.executable, "-m", "taichi_dem", "study", str(tmp_path / "scene.toml")]
     command += ["-o", str(folder), "--duration", "2e-3", "--knobs", "step", "--rounds", "1000"]
     env = {**os.environ, "PYTHONPATH": str(ROOT)}
-    # A shell has what it puts in the background ignore the signal, and children inherit that.
-    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
-    run = subprocess.Popen(command, env=env, stdout=subprocess.PIPE, text=True, preexec_fn=heard)
+    run = subprocess.Popen(command, env=env, stdout=subprocess.PIPE, text=True)
     while run.poll() is None and not ((folder / TABLE).exists() and rows(folder)):
         time.sleep(0.1)
     run.send_signal(signal.SIGINT)

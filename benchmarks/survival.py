@@ -3,7 +3,7 @@
 Each runs as the same spheres, walls and laws (Hertz, Mindlin's spring) in all three.  What counts
 at the end: every number is finite, every sphere is there and on its side of every wall, and no
 energy has come from nothing without a word.  Refusing a scene or stopping with a reason is no
-failure; going on with nonsense is.
+failure; going on with nonsense is, and so is every other exception, crash or run without an end.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import taichi_dem as dem
-from benchmarks import liggghts, peers
+from benchmarks import liggghts, peers, words
 from benchmarks.report import Figure
 from taichi_dem import packing
 
@@ -28,6 +28,22 @@ MADE = 0.02  # of the energy at the start, that may appear: the scheme's own wob
 PATIENCE = 300  # s, for a peer
 END = "end.dump"
 DUMP = "dump end all custom {steps} {file} id x y z vx vy vz omegax omegay omegaz\n"
+
+
+class UnsayableError(Exception):
+    """The scene has no counterpart in a peer's input."""
+
+
+class PeerStoppedError(Exception):
+    """A peer ended with an error that it names."""
+
+
+class PeerCrashedError(Exception):
+    """A peer ended, by a signal or otherwise, without a reason."""
+
+
+THEIRS = (UnsayableError, PeerStoppedError)
+SOUND = {"ours": (dem.InputError, dem.SimulationStopped), "liggghts": THEIRS, "lammps": THEIRS}
 
 
 @dataclass(frozen=True)
@@ -41,19 +57,18 @@ class Case:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("words", nargs="*", help="only cases whose names have all of these")
+    words.add_option(parser)
 
 
 def run(options: argparse.Namespace) -> list[Figure]:
     """The table, printed line by line; the figures count who failed how often."""
     codes = ["ours", *(code for code in peers.BINARIES if peers.available(code))]
     failures = dict.fromkeys(codes, 0)
-    for case in CASES:
-        if all(word in case.name for word in options.words):
-            print(case.name)
-            for code, outcome, good in judge(case, codes):
-                failures[code] += not good
-                print(f"    {code:10s}{'' if good else 'FAILS: '}{outcome}", flush=True)
+    for case in words.chosen(CASES, options.words):
+        print(case.name)
+        for code, outcome, good in judge(case, codes):
+            failures[code] += not good
+            print(f"    {code:10s}{'' if good else 'FAILS: '}{outcome}", flush=True)
     return [
         Figure(f"failures of {code}", float(count), "", at_most=0 if code == "ours" else None)
         for code, count in failures.items()
@@ -63,14 +78,14 @@ def run(options: argparse.Namespace) -> list[Figure]:
 def judge(case: Case, codes: Sequence[str]) -> Iterator[tuple[str, str, bool]]:
     """For each code what came out, in words, and whether it is sound; a scene that cannot be made
     is nobody's."""
-    try:
-        scene = case.make()
-    except dem.InputError as reason:
-        yield "ours", f"refused: {_first_line(reason)}", True
-        return
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        sim = dem.Simulation(scene, driver="serial")
+        try:
+            scene = case.make()
+            sim = dem.Simulation(scene, driver="serial")
+        except dem.InputError as reason:
+            yield "ours", f"refused: {_first_line(reason)}", True
+            return
         dt, held = case.step * sim.stable.value, sim.energy()["normal"]
         for code in codes:
             try:
@@ -78,12 +93,11 @@ def judge(case: Case, codes: Sequence[str]) -> Iterator[tuple[str, str, bool]]:
                     rows, warned = _ours(sim, dt, case)
                 else:
                     rows, warned = _theirs(code, scene, dt, case), ""
-            except (dem.InputError, dem.SimulationStopped) as reason:
-                yield code, f"refused: {_first_line(reason)}", True
-            except ValueError as reason:
-                yield code, f"cannot say it: {_first_line(reason)}", True
-            except (RuntimeError, subprocess.TimeoutExpired) as reason:
-                yield code, f"stopped: {_last_words(str(reason))}", True
+            except SOUND[code] as reason:
+                yield code, f"{_verb(reason)}: {_last_words(str(reason))}", True
+            except Exception as reason:
+                words = _last_words(str(reason))
+                yield code, f"breaks, {type(reason).__name__}: {words}", False
             else:
                 yield code, *_verdict(scene, rows, held, warned)
 
@@ -129,27 +143,45 @@ def _ours(sim: dem.Simulation, dt: float, case: Case) -> tuple[np.ndarray, str]:
 
 
 def _theirs(code: str, scene: dem.Scene, dt: float, case: Case) -> np.ndarray:
-    skin = 2 * liggghts.SKIN * float(scene.spheres.radius.min())
-    dump = DUMP.format(steps=case.steps, file=END)
     with tempfile.TemporaryDirectory() as name:
-        folder, script = Path(name), Path(name) / liggghts.SCRIPT
-        liggghts.write(folder, scene, dt=dt, steps=case.steps, skin=skin)
-        if code == "lammps":
-            script.write_text(peers.lammps_script(scene, dt, case.steps, skin))
-        text = script.read_text().replace("boundary f f f", "boundary m m m")
-        text = text.replace("lost error", "lost warn")
-        where = text.rindex("run ")
-        script.write_text(text[:where] + dump + text[where:])
-        command = [peers.BINARIES[code], "-in", script.name, "-log", liggghts.LOG]
+        folder = Path(name)
+        _write(code, folder, scene, dt, case)
+        command = [peers.BINARIES[code], "-in", liggghts.SCRIPT, "-log", liggghts.LOG]
         done = subprocess.run(
             command, cwd=folder, capture_output=True, timeout=PATIENCE, text=True, errors="replace"
         )
         if done.returncode:
-            raise RuntimeError(done.stdout + done.stderr)
+            told = done.stdout + done.stderr
+            if done.returncode > 0 and "ERROR" in told:
+                raise PeerStoppedError(told)
+            raise PeerCrashedError(f"{told}\nexit status {done.returncode}")
         frames = (folder / END).read_text().split("ITEM: ATOMS")
     last = [line.split() for line in frames[-1].splitlines()[1:]]
     rows = np.array(last, dtype=float).reshape(-1, 10)
     return rows[np.argsort(rows[:, 0]), 1:]
+
+
+def _write(code: str, folder: Path, scene: dem.Scene, dt: float, case: Case) -> None:
+    """The peer's own input; :class:`UnsayableError` where it has no words for the scene."""
+    skin = 2 * liggghts.SKIN * float(scene.spheres.radius.min())
+    script = folder / liggghts.SCRIPT
+    try:
+        liggghts.write(folder, scene, dt=dt, steps=case.steps, skin=skin)
+        if code == "lammps":
+            script.write_text(peers.lammps_script(scene, dt, case.steps, skin))
+    except ValueError as reason:
+        raise UnsayableError(str(reason)) from reason
+    text = script.read_text().replace("boundary f f f", "boundary m m m")
+    text = text.replace("lost error", "lost warn")
+    where = text.rindex("run ")
+    dump = DUMP.format(steps=case.steps, file=END)
+    script.write_text(text[:where] + dump + text[where:])
+
+
+def _verb(reason: Exception) -> str:
+    if isinstance(reason, UnsayableError):
+        return "cannot say it"
+    return "refused" if isinstance(reason, dem.InputError) else "stopped"
 
 
 def _first_line(reason: Exception) -> str:

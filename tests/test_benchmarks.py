@@ -2,6 +2,7 @@
 
 import json
 import math
+import subprocess
 import sys
 from pathlib import Path
 
@@ -12,8 +13,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import taichi_dem as dem
 from benchmarks import bed as beds
-from benchmarks import effect_costs, peers, report, run
+from benchmarks import effect_costs, hard_cases, peers, report, run, survival
 from taichi_dem.cost import Cost
+from tests.hard.kit import Case, Setting
+from tests.hard.kit import Figure as Held
 
 FEW = 20
 QUICK = ("--rounds", "2", "--seconds", "0.02")
@@ -69,9 +72,84 @@ def test_a_shaken_bed_comes_to_rest_and_stays_there(capsys):
     assert not missed, capsys.readouterr().out
 
 
+def test_a_case_that_raises_is_a_row_that_breaks(monkeypatch, capsys):
+    def raises(setting):
+        yield Held("energy", 0.5, 1.0)
+        if setting.driver == "parallel":
+            raise ZeroDivisionError("no stiffness\nat all")
+
+    settings = Setting("serial"), Setting("parallel")
+    cases = [
+        Case("trial", "raises", raises, settings),
+        Case("trial", "holds", lambda _: [Held("energy", 0.5, 1.0)], settings),
+    ]
+    monkeypatch.setattr("tests.hard.CASES", cases)
+    assert run.main(["hard_cases"]) == 1
+    printed = capsys.readouterr().out
+    assert "raises [parallel]: raised: ZeroDivisionError: no stiffness" in printed
+    assert "holds [serial]: energy" in printed
+    assert [figure.met for figure in hard_cases.figures(cases[0])] == [True, False]
+
+
+@pytest.mark.parametrize("name", ["hard_cases", "survival"])
+def test_words_that_match_no_case_are_refused(name):
+    with pytest.raises(SystemExit, match="no case has all of 'impact', 'of nothing'"):
+        run.main([name, "impact", "of nothing"])
+
+
 def test_hard_scenes_survive_here(capsys):
     assert not run.main(["survival", "impact", "restitution", "0.5"])
     assert "ours" in capsys.readouterr().out
+
+
+def survivors(monkeypatch, code, raised):
+    """What ``survival`` says of a case in which that code raises."""
+
+    def fails(*_):
+        raise raised
+
+    monkeypatch.setattr(survival, "_ours" if code == "ours" else "_theirs", fails)
+    ((_, outcome, sound),) = survival.judge(survival.CASES[0], [code])
+    return outcome, sound
+
+
+@pytest.mark.parametrize(
+    ("code", "raised", "sound"),
+    [
+        ("ours", dem.InputError(()), True),
+        ("ours", dem.SimulationStopped("too deep", None, {}), True),
+        ("ours", ValueError("shapes do not match"), False),
+        ("ours", RuntimeError("kernel failed"), False),
+        ("lammps", survival.UnsayableError("no counterpart"), True),
+        ("lammps", survival.PeerStoppedError("ERROR: lost atoms"), True),
+        ("lammps", survival.PeerCrashedError("exit status -11"), False),
+        ("liggghts", subprocess.TimeoutExpired("liggghts", 300), False),
+        ("liggghts", ValueError("not a number in the dump"), False),
+    ],
+    ids=lambda value: getattr(type(value), "__name__", None),
+)
+def test_only_a_reason_is_no_failure(monkeypatch, code, raised, sound):
+    outcome, found = survivors(monkeypatch, code, raised)
+    assert found is sound
+    assert str(raised) in outcome
+
+
+@pytest.mark.parametrize(
+    ("script", "kind"),
+    [
+        ("echo 'ERROR: Lost atoms'; exit 1", survival.PeerStoppedError),
+        ("exit 1", survival.PeerCrashedError),
+        ("echo 'ERROR: late'; kill -SEGV $$", survival.PeerCrashedError),
+    ],
+)
+def test_a_peer_that_names_no_reason_has_crashed(monkeypatch, tmp_path, script, kind):
+    program = tmp_path / "peer"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    monkeypatch.setitem(peers.BINARIES, "lammps", str(program))
+    case = survival.CASES[0]
+    with pytest.raises(kind):
+        survival._theirs("lammps", case.make(), 1e-6, case)
 
 
 @pytest.mark.peers

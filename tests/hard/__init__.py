@@ -1,6 +1,6 @@
 """Hard cases, by kind; ``CASES`` are all of them."""
 
-from tests.hard import beds, ground, impacts, laws, sleepers, sparse, steps
+from tests.hard import beds, ground, impacts, laws, sleepers, sliding, sparse, steps
 from tests.hard.kit import CASES, Case, Figure, Setting
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "impacts",
     "laws",
     "sleepers",
+    "sliding",
     "sparse",
     "steps",
 ]

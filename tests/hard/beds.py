@@ -61,31 +61,6 @@ def large_on_small(setting, ratio):
     yield Figure("small sphere out of its place, radii", abs(heights[0] * ratio / R - 1), 0.1)
 
 
-@hard("small grains slide over large ones, friction {}", 0.1, 0.5)
-def trapped(setting, friction):
-    """Half-step velocities with full-step normals are said to trap them (Vyas et al. 2025): a grain
-    that slides over a row of fixed large ones must lose the energy that friction takes, no more."""
-    row = np.array([[2 * k * R, 0.0, 0.0] for k in range(6)])
-    heavy = dem.Material("heavy", 1e9, 5e7, 0.22)
-    grain = np.array([[0.0, 0.0, 1.099 * R]])
-    velocity = np.zeros((7, 3))
-    velocity[6, 0] = 1.0
-    spheres = dem.Spheres(
-        np.vstack([row, grain]), [R] * 6 + [0.1 * R], [heavy] * 6 + [GLASS], velocity
-    )
-    sim = setting.simulation(dem.Scene(spheres=spheres, law=law(0.5, friction), gravity=(0, 0, 0)))
-    before = sim.energy()["kinetic"]
-    dissipated = [0.0]
-    for _ in range(40):
-        sim.run(steps=20)
-        dissipated.append(sim.energy()["dissipated"])
-    yield finite(sim)
-    yield energy(sim, before, wobble(sim))
-    yield Figure("energy given back by friction", -np.diff(dissipated).min() / before, 1e-3)
-    # It flies off along the tangent: it touches the first large sphere alone, and keeps most speed.
-    yield Figure("speed lost", 1 - np.linalg.norm(sim.particles.velocity[6]), 0.5)
-
-
 @hard("a sphere at rest on a slope within its friction")
 def slope(setting):
     """It would roll: held by its spin being blocked it may not slide; two glued by a wall stand."""

@@ -154,15 +154,51 @@ def test_cube_of_walls_as_computed_and_to_its_limit():
     assert 0.09 < limit / R < 0.11
 
 
-def test_simple_cubic_packing_ends_where_it_should():
-    """The same for spheres in place of walls, whose contacts lie deeper: 0.092 diameters."""
-    bead = dem.Material("soft", 1000, 1e5, 0.5)
-    limit = 0.1 * R
-    for _ in range(50):  # half a pair's overlap is a wall's, but contacts lie at R - 2 (d/2)/2
-        a = R - limit
-        _, most, _ = six_walls(bead, 2 * (R - a), 0)
-        limit = most
-    assert limit / R == pytest.approx(0.092, abs=5e-4)
+def cubic_limit(deeper):
+    """Depth on each side of a contact, over R, beyond which six of them find no equilibrium; those
+    of spheres lie ``deeper``, at the end of that depth rather than in the middle."""
+    bead, limit = dem.Material("soft", 1000, 1e5, 0.5), 0.1 * R
+    for _ in range(50):
+        limit = six_walls(bead, 2 * limit if deeper else limit, 0)[1]
+    return limit / R
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.95, 1.05])
+def test_simple_cubic_packing_ends_where_it_should(share):
+    """Eight spheres of it between rigid walls that stand where others would touch: the walls' limit
+    and that of spheres in place of walls (0.092 diameters) enclose that of a mixture of both."""
+    limit = sorted([cubic_limit(True), cubic_limit(False)])
+    assert limit[0] == pytest.approx(0.092, abs=5e-4)
+    depth = R * share * (limit[0] if share < 1 else limit[1])
+    half = 2 * (R - depth)
+    place = (R - depth) * np.stack(np.meshgrid(*3 * [[-1, 1]]), axis=-1).reshape(-1, 3)
+    setup = scene(
+        place,
+        R,
+        dem.Material("soft", 1000, 1e5, 0.5),
+        law=with_surface(dem.MultiContact()),
+        boundaries=[dem.Box((-half,) * 3, (half,) * 3, rigid())],
+    )
+
+    def press():
+        sim = dem.Simulation(setup, dt=STILL, max_overlap=1)
+        sim.run(steps=2)
+        return sim.contacts()
+
+    if share > 1:  # from the start, so that it is the scene which is refused
+        with pytest.raises(dem.InputError, match="no equilibrium"):
+            press()
+        return
+    found = press()
+    walls = found["j"] < 0
+    assert (walls.sum(), (~walls).sum()) == (24, 12)
+    for group in (found[walls], found[~walls]):
+        force = group["normal_force"]
+        np.testing.assert_allclose(force, force.mean(), rtol=1e-6)
+    # More than without what the others raise, and the more the nearer to the limit.
+    alone = 4 / 3 * 1e5 / 0.75 * np.sqrt(R) * depth**1.5
+    assert np.all(found["normal_force"] > 1.5 * alone)
 
 
 # -- conservation ----------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """Random valid scenes of every law and ground: no exception but a guard's, no not-a-number, no
 energy made."""
 
+import traceback
 import warnings
 from collections import Counter
 
@@ -14,6 +15,7 @@ from tests.hard.random_scenes import drawn
 
 SCENES, PORTION = 200, 20
 STEPS, LOOK = 2000, 100
+SHARE = 0.6  # of a portion that no guard stops, at least; 18 of 20 in the first
 SWINGS = 4  # contacts that a sphere swings between along one line: so much stiffer than one
 
 
@@ -88,7 +90,18 @@ def holds(problem):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "number", range(SCENES), ids=lambda number: f"portion{number // PORTION}-{number}"
+    "portion", range(SCENES // PORTION), ids=lambda portion: f"portion{portion}"
 )
-def test_random_scene_holds(number):
-    holds(drawn(number))
+def test_random_scenes_hold(portion):
+    """And most are not stopped: a guard that stops them all would hide whatever comes after."""
+    reached, broken = [], []
+    for number in range(portion * PORTION, (portion + 1) * PORTION):
+        try:
+            reached.append(holds(drawn(number)).steps)
+        except Exception as error:
+            broken.append(f"scene {number}: {type(error).__name__}: {error}")
+            traceback.print_exc()
+    told = f"steps reached, of {STEPS}: {sorted(reached)}"
+    print(told)
+    assert not broken
+    assert reached.count(STEPS) >= SHARE * PORTION, told

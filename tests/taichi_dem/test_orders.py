@@ -2,8 +2,10 @@
 
 Velocity Verlet is of second order where forces depend on places alone and smoothly enough. The
 dashpot sees the velocities of half a step before, so a damped contact is of first order; so is
-friction, whose spring is carried on from step to step. An impact costs a smooth law nothing: Hertz'
-force starts as the overlap to 3/2, so that the step in which it starts errs by dt^(5/2) at most.
+friction that sticks, whose spring is carried on from step to step. Friction that slides is the
+normal force times a coefficient, whatever the spring, and keeps the second order. An impact costs a
+smooth law nothing: Hertz' force starts as the overlap to 3/2, so that the step in which it starts
+errs by dt^(5/2) at most.
 """
 
 import numpy as np
@@ -64,22 +66,60 @@ def test_with_a_dashpot_the_order_is_one():
     assert np.allclose(orders_seen(found)[-2:], 1, atol=0.1)
 
 
-def test_with_friction_the_order_is_one():
-    """Undamped but for friction, all contacts lasting: its spring is advanced by the velocity of
-    half a step before."""
+@pytest.mark.parametrize(
+    ("friction", "speed", "slides", "order"),
+    [
+        pytest.param(10.0, 0.05, False, 1.0, id="sticks"),
+        pytest.param(0.4, 0.2, True, 2.0, id="slides"),
+    ],
+)
+def test_order_of_friction_that_sticks_and_that_slides(friction, speed, slides, order):
+    """Undamped but for friction, all contacts lasting and on one side of Coulomb's cone.
+
+    A spring that sticks is advanced by the velocity of half a step before: order 1. One that slides
+    is cut back to the cone, whose size is that of the normal force, of order 2; which step is the
+    first to slide makes single slopes scatter, hence the mean of three.
+    """
     velocity = np.zeros_like(LASTING)
-    velocity[:, 0] = 0.05
+    velocity[:, 0] = speed
     setup = scene(
         LASTING,
         R,
         STONE,
         velocity=velocity,
         gravity=(0, 0, -G),
-        law=law(1.0, 0.4, damping=0.0),
+        law=law(1.0, friction, damping=0.0),
         boundaries=WALL,
     )
-    found = outcomes(setup, 0.004, 40, place)
-    assert np.all(orders_seen(found)[-2:] > 0.8)
+
+    def look(sim):
+        force = sim.contacts()["force"]
+        rubbing, pressing = np.linalg.norm(force[:, :2], axis=1), np.abs(force[:, 2])
+        assert len(force) == len(LASTING)
+        assert np.all((rubbing >= friction * pressing * (1 - 1e-9)) == slides)
+        return place(sim)
+
+    found = outcomes(setup, 0.004, 40, look, finest=7)
+    assert orders_seen(found)[-3:].mean() == pytest.approx(order, abs=0.15)
+
+
+def test_a_damped_impact_is_of_first_order():
+    """The dashpot sees the velocities of half a step before. Where in a step it touches and leaves
+    matters as much, so many spheres meet the wall at different moments of the coarsest step, and
+    the slope is that of the root mean square over six halvings."""
+    steps, duration, speed = 200, 0.006, 0.5
+    moments = np.arange(64) * (np.sqrt(5) - 1) / 2 % 1  # no two alike, also in a finer step
+    start = np.zeros((64, 3))
+    start[:, 0] = 3 * R * np.arange(64)
+    start[:, 2] = 1.05 * R + speed * duration / steps * moments
+    setup = scene(start, R, STONE, velocity=[0, 0, -speed], law=law(0.5), boundaries=WALL)
+
+    def look(sim):
+        assert not len(sim.contacts())
+        return sim.particles.velocity[:, 2]
+
+    found = outcomes(setup, duration, steps, look, finest=8)
+    assert orders_seen(found).mean() == pytest.approx(1, abs=0.15)
 
 
 def test_an_undamped_impact_keeps_the_second_order():

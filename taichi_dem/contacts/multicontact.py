@@ -127,21 +127,26 @@ class MultiContact:
     @staticmethod
     @ti.func
     def published(k, cosine, here, there, least_square):
-        """M of (B) over -gamma (1+nu) / (2 pi E), 1/m, by a load at the distance a_k = ``there`` on
-        a_j = ``here``; n_j.n_k is the ``cosine``, and r^2 at least ``least_square``.  With
-        f = r n_k.u and g = n_j.u it is
+        """M of (B) over -gamma (1+nu) / (2 pi E), 1/m, of two contacts at the distances a_j =
+        ``here`` and a_k = ``there``, by the load at k on j and by that at j on k; n_j.n_k is the
+        ``cosine``, and r^2 at least ``least_square``.  With f = r n_k.u and g = n_j.u it is
 
             f g/r^2 + (3-4nu) n_k.n_j/r - (1-2nu) (n_k.n_j + g)/(r+f)
+
+        and, the other way, the same with -r g for f and -f/r for g.
         """
         near = there - here * cosine  # f
         far = there * cosine - here  # r g
         square = there * near - here * far
         r = ti.sqrt(ti.select(square > least_square, square, least_square))
-        both = 1.0 / (r * (r + near))
-        inverse, reach = both * (r + near), both * r
-        nu, g = k.poissons_ratio, far * inverse
-        straight = inverse * (near * inverse * g + (3.0 - 4.0 * nu) * cosine)
-        return straight - (1.0 - 2.0 * nu) * ((cosine + g) * reach)
+        ahead, back = r + near, r - far
+        both = ahead * back
+        third = 1.0 / (r * both)
+        inverse, third_r = third * both, third * r
+        nu, f, g = k.poissons_ratio, near * inverse, far * inverse
+        straight = inverse * (f * g + (3.0 - 4.0 * nu) * cosine)
+        bent = (1.0 - 2.0 * nu) * third_r
+        return straight - bent * ((cosine + g) * back), straight - bent * ((cosine - f) * ahead)
 
     @staticmethod
     @ti.func

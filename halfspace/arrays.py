@@ -36,6 +36,10 @@ class NumPy:
         """(count,) of 32 bits, uninitialised."""
         return np.empty(count, np.int32)
 
+    def whole(self, a: Array) -> Any:
+        """The whole numbers up to `a`, >= 0, that index an array."""
+        return a.astype(np.int64)
+
     def adapt(self, owner: Any) -> Any:
         """An object whose methods take NumPy's arrays, as one that takes this kind."""
         return owner
@@ -100,6 +104,9 @@ class Tensors:
     def take(self, a: Any, index: Any) -> Any:
         return a[index]
 
+    def whole(self, a: Any) -> Any:
+        return a.long()
+
     def adapt(self, owner: Any) -> Any:
         return OnHost(owner)
 
@@ -140,6 +147,11 @@ def host(value: Any) -> Any:
 def largest(a: Any) -> float:
     """The largest magnitude; 0 of nothing."""
     return float(abs(a).max()) if len(a) else 0.0
+
+
+def inner(a: Any, b: Any) -> float:
+    """Their product; of long arrays, the bits of `a @ b` depend on the number of threads."""
+    return float((a * b).sum())
 
 
 def on_host(function: Callable[..., Result]) -> Callable[..., Result]:

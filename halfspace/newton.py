@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from .arrays import Array, host, kind_of, largest
+from .arrays import Array, host, inner, kind_of, largest
 from .plan import Plan
 from .spheres import Points, Spheres
 
 Law = Callable[[Array], tuple[Array, Array]]
+Preconditioner = Callable[[Array], Array]
 
 HALVINGS = 10  # of a Newton step that does not improve the state
-MATTER = 0.1  # share of the residual from which on points of contact come first
+MATTER = 0.3  # share of the residual from which on points of contact come first
+LOOSE = 3.0  # what a step leaves of the residual because it is not linear, over its square
+RELIED = 0.05  # of a residual is left by the preconditioner alone, at best
 EASE = 0.03  # residual of the forces, over that of the points of contact, until these are found
 
 
@@ -67,7 +70,7 @@ class Problem:
         self._x, self._delta, self._opening = x, delta, opening
         self._kind = kind_of(x)
         self._offset = offset  # of the plan
-        self._points, self._together = Points(), True
+        self._points, self._together, self._relies = Points(), True, True
         self.applications = 0
         self.hint = ""
         self.dead_end: State | None = None
@@ -156,29 +159,50 @@ class Problem:
             if trial.tilt < 0.5 * state.tilt:
                 return trial
             self._together = False
-        enough = max(goal, EASE * state.tilt)
-        step, definite = self._kind.zeros_like(self._delta), True
-        merit = state.merit
-        if state.missing > 0.5 * goal:
-            share = min(max(merit / scale, 0.5 * enough / merit), 0.1)
-            # Where the law softens, its force is held while the others adapt.
-            stiffness = state.tangent.clip(0.0)
-            linear = self.linear(state.force)
-            step, definite = _conjugate_gradients(linear, stiffness, -state.defect, share * merit)
-        if not definite:
-            self.hint = "; contacts may be closer together than their size allows"
-            self.hint += ", or too wide for the layer" * (self._plan.layer is not None)
+        precondition = self._plan.preconditioner(state.tangent.clip(0.0))
         ceiling = self._kind.maximum(state.overlap, self._delta) + scale
-        if self._together and definite and state.tilt > 0.5 * goal:
-            offset = state.offset + state.wrong
+        moving = self._together and state.tilt > 0.5 * goal
+        # What better points change comes on top: forces need not be found better than that.
+        enough = max(goal, state.tilt) if moving else max(goal, EASE * state.tilt)
+        offset = state.offset + state.wrong if moving else state.offset
+        least = 0.5 * max(state.merit, state.tilt)
+        if precondition is not None and self._relies and enough > RELIED * state.merit > 0:
+            step = precondition(-state.defect)
             trial = self.at(self._kind.minimum(state.overlap + step, ceiling), offset)
-            if trial.error <= goal or max(trial.merit, trial.tilt) < 0.5 * max(merit, state.tilt):
+            if trial.error <= goal or max(trial.merit, trial.tilt) < least:
                 return trial
+            self._relies = False
+        if moving:
+            step, definite = self._step(state, enough, scale, precondition)
+            if definite:
+                trial = self.at(self._kind.minimum(state.overlap + step, ceiling), offset)
+                if trial.error <= goal or max(trial.merit, trial.tilt) < least:
+                    return trial
             self._together = False
+            enough = max(goal, EASE * state.tilt)
         if state.missing > enough:
+            step, definite = self._step(state, enough, scale, precondition)
             return self._newton(state, step, definite, ceiling, goal)
         offset = self._points.next(state.offset, state.wrong, state.force != 0)
         return self.at(state.overlap, offset)
+
+    def _step(
+        self, state: State, goal: float, scale: float, precondition: Preconditioner | None
+    ) -> tuple[Array, bool]:
+        """Newton's step, and whether the matrix was positive."""
+        merit = state.merit
+        if merit <= 0.5 * goal:
+            return self._kind.zeros_like(state.defect), True
+        share = min(max(LOOSE * merit / scale, 0.5 * goal / merit), 0.1)
+        # Where the law softens, its force is held while the others adapt.
+        stiffness = state.tangent.clip(0.0)
+        step, definite = _conjugate_gradients(
+            self.linear(state.force), stiffness, -state.defect, share * merit, precondition
+        )
+        if not definite:
+            self.hint = "; contacts may be closer together than their size allows"
+            self.hint += ", or too wide for the layer" * (self._plan.layer is not None)
+        return step, definite
 
     def _newton(
         self, state: State, step: Array, definite: bool, ceiling: Array, goal: float
@@ -195,7 +219,7 @@ class Problem:
             if definite:
                 better = trial.merit < (1 - 1e-4 * size) * state.merit
             else:
-                loss = (state.defect + trial.defect) @ (trial.force - state.force)
+                loss = inner(state.defect + trial.defect, trial.force - state.force)
                 better = bool(loss < 0)
             if better or trial.missing <= goal:
                 return trial
@@ -207,25 +231,34 @@ class Problem:
 
 
 def _conjugate_gradients(
-    apply: Callable[[Array], Array], k: Array, b: Array, goal: float
+    apply: Callable[[Array], Array],
+    k: Array,
+    b: Array,
+    goal: float,
+    precondition: Preconditioner | None,
 ) -> tuple[Array, bool]:
     """Solve `(I + C K) s = b` to within `goal`, and tell whether `K + K C K` was positive.
 
     If not, this is what it came to before that showed; at the first step, the fixed-point step `b`.
+    K times what `precondition` makes of it is to be about what `(K^-1 + C)^-1` does; without one,
+    K itself is.
     """
+    precondition = precondition or (lambda r: r)
     where = kind_of(b).where
     s, r = kind_of(b).zeros_like(b), b
     loaded = k > 0
-    p, rr = r, r @ (k * r)
+    p = precondition(r)
+    rr = inner(r, k * p)
     for _ in range(2 * len(b)):
         if largest(r[loaded]) <= goal:
             break
         q = p + apply(k * p)
-        curvature = (k * p) @ q
+        curvature = inner(k * p, q)
         if not curvature > 0:
             return where(loaded, s, s + r) if s.any() else b, False
         s = s + (rr / curvature) * p
         r = r - (rr / curvature) * q
-        rr, previous = r @ (k * r), rr
-        p = r + (rr / previous) * p
+        better = precondition(r)
+        rr, previous = inner(r, k * better), rr
+        p = better + (rr / previous) * p
     return where(loaded, s, s + r), True

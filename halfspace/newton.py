@@ -159,7 +159,9 @@ class Problem:
             if trial.tilt < 0.5 * state.tilt:
                 return trial
             self._together = False
-        precondition = self._plan.preconditioner(state.tangent.clip(0.0))
+        precondition = None
+        if not self.hint:  # of a matrix that is not positive it knows nothing
+            precondition = self._plan.preconditioner(state.tangent.clip(0.0))
         ceiling = self._kind.maximum(state.overlap, self._delta) + scale
         moving = self._together and state.tilt > 0.5 * goal
         # What better points change comes on top: forces need not be found better than that.
@@ -196,9 +198,8 @@ class Problem:
         share = min(max(LOOSE * merit / scale, 0.5 * goal / merit), 0.1)
         # Where the law softens, its force is held while the others adapt.
         stiffness = state.tangent.clip(0.0)
-        step, definite = _conjugate_gradients(
-            self.linear(state.force), stiffness, -state.defect, share * merit, precondition
-        )
+        found = self.linear(state.force), stiffness, -state.defect, share * merit
+        step, definite = _conjugate_gradients(*found, precondition)
         if not definite:
             self.hint = "; contacts may be closer together than their size allows"
             self.hint += ", or too wide for the layer" * (self._plan.layer is not None)

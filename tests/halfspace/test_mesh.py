@@ -415,6 +415,23 @@ def test_bits_do_not_depend_on_threads():
     assert one == two == three
 
 
+@pytest.mark.slow
+def test_bits_of_a_coupled_solve_do_not_depend_on_threads():
+    """With so many contacts that products of vectors would be shared among threads."""
+    code = (
+        "import sys, numpy as np, halfspace\n"
+        "rng = np.random.default_rng(2)\n"
+        "x = 0.2 * np.indices((105, 105)).reshape(2, -1).T + rng.uniform(-0.01, 0.01, (11025, 2))\n"
+        "law = halfspace.reference.hertz_law(1.0, 1.0)\n"
+        "ground = halfspace.HalfSpace(1.0, 0.0)\n"
+        "found = halfspace.solve(ground, x, rng.uniform(0, 1e-3, 11025), law)\n"
+        "sys.stdout.buffer.write(found.force.tobytes())\n"
+    )
+    one, two = (run(code, HALFSPACE_THREADS=n, OPENBLAS_NUM_THREADS=n) for n in "12")
+    assert len(one) == 8 * 11025
+    assert one == two
+
+
 def test_choice(rng):
     few, many = (ground().explain(uniform(rng, n)) for n in (100, 20_000))
     assert (few.method, many.method) == ("direct", "mesh")

@@ -1,4 +1,9 @@
-"""Spheres that bounce and slide on soft ground: applications per step, and the books of energy."""
+"""Spheres that bounce and slide on soft ground: applications per step, and the books of energy.
+
+Drift is the change of the mean energy from the first to the last period.  With velocity Verlet
+these means waver by a hundredth of the scheme's own error, which falls with the square of the step,
+and the drift with it; what the solve would make of it is bounded at the shortest step.
+"""
 
 import argparse
 
@@ -17,7 +22,7 @@ PAST = 4  # steps that the next is extrapolated from
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--side", type=int, default=20, help="of the square of contacts")
     parser.add_argument("--softness", type=float, default=7.0, help="rho of the lagged exchange")
-    parser.add_argument("--steps", type=int, default=50, help="per Hertz period")
+    parser.add_argument("--steps", type=int, nargs="+", default=[50, 100], help="per Hertz period")
     parser.add_argument("--periods", type=int, default=20)
     parser.add_argument("--residual", type=float, default=1e-6)
     parser.add_argument("--coupling", choices=("finite", "point"), default="finite")
@@ -25,10 +30,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> list[Figure]:
     """Contacts that last, and contacts that open and close; by velocity Verlet, without loss."""
-    return [figure for name in DRIFTS for figure in _bounce(name, options)]
+    cases = [(name, steps) for name in DRIFTS for steps in sorted(options.steps)]
+    return [figure for name, steps in cases for figure in _bounce(name, steps, options)]
 
 
-def _bounce(name: str, options: argparse.Namespace) -> list[Figure]:
+def _bounce(name: str, steps: int, options: argparse.Namespace) -> list[Figure]:
     (amplitude, most), side = DRIFTS[name], options.side
     rng = np.random.default_rng(5)
     cells = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).reshape(-1, 2)
@@ -38,18 +44,17 @@ def _bounce(name: str, options: argparse.Namespace) -> list[Figure]:
     period = 2 * np.pi / np.sqrt(2 * np.sqrt(DEPTH))  # of a contact alone
     speed = np.zeros((len(x), 3))
     speed[:, 2] = amplitude * DEPTH * 2 * np.pi / period * rng.standard_normal(len(x))
-    energy = motion.run(speed, period / options.steps, options.steps * options.periods)
+    energy = motion.run(speed, period / steps, steps * options.periods)
     available = 0.5 * (speed**2).sum()
-    first, last = (
-        energy[part].mean() for part in (slice(options.steps), slice(-options.steps, None))
-    )
+    first, last = (energy[part].mean() for part in (slice(steps), slice(-steps, None)))
     deviation = np.abs(energy - energy[0]).max() / available
     cost = np.array(motion.applications[PAST + 1 :])
-    what = f"{side} x {side} contacts, {name}: "
+    what = f"{side} x {side} contacts, {name}, {steps} steps a period: "
+    bound = {"at_most": most} if steps == max(options.steps) else {}
     return [
         Figure(f"{what}applications per step", cost.mean(), "", at_most=APPLICATIONS),
         Figure(f"{what}the most", float(cost.max()), ""),
-        Figure(f"{what}drift of energy", abs(last - first) / available, "", at_most=most),
+        Figure(f"{what}drift of energy", abs(last - first) / available, "", **bound),
         Figure(f"{what}largest deviation", deviation, ""),
     ]
 

@@ -155,9 +155,9 @@ class Problem:
         forces for the same points, then points.
         """
         if self._together and state.tilt > max(goal, MATTER * state.missing):
-            trial = self.at(state.overlap, state.offset + state.wrong)
-            if trial.tilt < 0.5 * state.tilt:
-                return trial
+            shifted = self.at(state.overlap, state.offset + state.wrong)
+            if shifted.tilt < 0.5 * state.tilt:
+                return shifted
             self._together = False
         precondition = None
         if not self.hint:  # of a matrix that is not positive it knows nothing
@@ -167,19 +167,16 @@ class Problem:
         # What better points change comes on top: forces need not be found better than that.
         enough = max(goal, state.tilt) if moving else max(goal, EASE * state.tilt)
         offset = state.offset + state.wrong if moving else state.offset
-        least = 0.5 * max(state.merit, state.tilt)
-        if precondition is not None and self._relies and enough > RELIED * state.merit > 0:
+        wanted = moving or state.missing > enough
+        if precondition and wanted and self._relies and enough > RELIED * state.merit:
             step = precondition(-state.defect)
-            trial = self.at(self._kind.minimum(state.overlap + step, ceiling), offset)
-            if trial.error <= goal or max(trial.merit, trial.tilt) < least:
+            if trial := self._tried(state, step, offset, ceiling, goal):
                 return trial
             self._relies = False
         if moving:
             step, definite = self._step(state, enough, scale, precondition)
-            if definite:
-                trial = self.at(self._kind.minimum(state.overlap + step, ceiling), offset)
-                if trial.error <= goal or max(trial.merit, trial.tilt) < least:
-                    return trial
+            if definite and (trial := self._tried(state, step, offset, ceiling, goal)):
+                return trial
             self._together = False
             enough = max(goal, EASE * state.tilt)
         if state.missing > enough:
@@ -187,6 +184,14 @@ class Problem:
             return self._newton(state, step, definite, ceiling, goal)
         offset = self._points.next(state.offset, state.wrong, state.force != 0)
         return self.at(state.overlap, offset)
+
+    def _tried(
+        self, state: State, step: Array, offset: Array, ceiling: Array, goal: float
+    ) -> State | None:
+        """Where a step leads, if that is good enough to go on from."""
+        trial = self.at(self._kind.minimum(state.overlap + step, ceiling), offset)
+        better = max(trial.merit, trial.tilt) < 0.5 * max(state.merit, state.tilt)
+        return trial if trial.error <= goal or better else None
 
     def _step(
         self, state: State, goal: float, scale: float, precondition: Preconditioner | None

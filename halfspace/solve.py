@@ -9,8 +9,9 @@ Semismooth Newton: with `K = H'(d)`, solve `(I + C K) s = -F`. In terms of `y = 
 symmetric `(K^-1 + C) y = -F` on the contacts that carry load; the others follow by
 `d = delta - C f - C y`. Conjugate gradients with K as the preconditioner are, in terms of s,
 conjugate gradients for `I + C K` in the inner product of K, which never divide by a stiffness that
-vanishes; on soft ground a coarse grid (:mod:`halfspace.coarse`) serves them better. Where the matrix is not positive (contacts closer than their size), they stop short, and
-the potential of which F is the gradient guides the step.
+vanishes; on soft ground a grid of a few nodes helps them (`coarse`). Where the matrix is not
+positive (contacts closer than their size), they stop short, and the potential of which F is the
+gradient guides the step.
 
 Spheres whose radii R are known (`coupling="finite"`) are contacts of finite size: `C` is the
 derivative of `w(f)`, see `finite`. And where the surface is tilted they do not touch it at x, under

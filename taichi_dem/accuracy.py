@@ -103,11 +103,11 @@ def worst(found: Mapping[str, float]) -> float:
 
 
 def worst_mean(found: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
-    """The one of :func:`ensemble_errors` that with twice its uncertainty is the largest; infinite
-    where there is none or one is not a number."""
+    """The largest of :func:`ensemble_errors`, and its uncertainty; infinite where there is none or
+    one is not a number."""
     if not found or not np.isfinite(list(found.values())).all():
         return float("inf"), 0.0
-    return max(found.values(), key=lambda pair: pair[0] + 2 * pair[1])
+    return max(found.values())
 
 
 def _share(difference: np.ndarray, value: np.ndarray) -> float | None:

@@ -51,7 +51,7 @@ def study(
     bench = Bench(scene, folder, duration, samples, rounds, say)
     try:
         bench.start(step)
-        if bench.study.touched:
+        if bench.reference.touched:
             bench.ladders(knobs or KNOBS)
             bench.combinations()
     except BaseException as error:

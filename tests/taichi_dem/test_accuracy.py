@@ -60,9 +60,9 @@ def test_what_is_not_a_number_is_no_small_error():
     assert accuracy.worst({}) == float("inf")
 
 
-def test_the_worst_mean_is_the_one_that_may_be_worst():
-    found = {"surely": (2e-2, 1e-3), "perhaps": (1e-2, 1e-2)}
-    assert accuracy.worst_mean(found) == (1e-2, 1e-2)
+def test_the_worst_mean_is_the_largest_with_its_own_uncertainty():
+    found = {"large": (2e-2, 1e-3), "uncertain": (1e-2, 1e-2)}
+    assert accuracy.worst_mean(found) == (2e-2, 1e-3)
     assert accuracy.worst_mean({}) == (float("inf"), 0.0)
     lost = {"lost": (float("nan"), 0.0), **found}
     assert accuracy.worst_mean(lost) == (float("inf"), 0.0)

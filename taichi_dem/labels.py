@@ -28,17 +28,20 @@ def beside(
     """Write each text of ``places`` (x, y, text, colour) near its point, at the lower left where
     there is room. No text covers another or one of ``marks`` (x, y) or leaves the axes; one for
     which there is no room is left out. To be called when the axes are complete."""
+    from matplotlib.patheffects import withStroke
+
     drawing = cast("Figure", axes.figure)
     drawing.draw_without_rendering()  # so that it is known where everything is
     dot = drawing.dpi / 72
-    points = [(x, y) for x, y, _, _ in places] if marks is None else marks
     half = MARK * dot
-    taken = [(x - half, y - half, x + half, y + half) for x, y in axes.transData.transform(points)]
-    frame = tuple(axes.get_window_extent().extents)
+    taken = [(x - half, y - half, x + half, y + half) for x, y in axes.transData.transform(marks)]
+    inside = axes.get_window_extent()
+    frame = (inside.x0, inside.y0, inside.x1, inside.y1)
     for x, y, text, color in places:
         written = axes.annotate(
             text, (x, y), (0, 0), textcoords="offset points", size=SIZE, color=color, zorder=5
         )
+        written.set_path_effects([withStroke(linewidth=2, foreground="white")])
         written.set_in_layout(False)
         size = written.get_window_extent()
         centre = axes.transData.transform((x, y))
@@ -66,8 +69,9 @@ def _candidates(
                 yield float(away), (left, bottom, left + width, bottom + height)
 
 
-def _within(box: Box, frame: np.ndarray) -> bool:
-    return bool(frame[0] < box[0] and frame[1] < box[1] and box[2] < frame[2] and box[3] < frame[3])
+def _within(box: Box, frame: Box) -> bool:
+    across = frame[0] < box[0] and box[2] < frame[2]
+    return across and frame[1] < box[1] and box[3] < frame[3]
 
 
 def _meet(one: Box, other: Box) -> bool:

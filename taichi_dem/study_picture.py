@@ -53,9 +53,10 @@ def picture(study: Study) -> Figure:
     )
     axes.set(xscale="log", yscale="log")
     axes.margins(0.08)
-    style.label_few_decades(axes.xaxis)
+    for axis in (axes.xaxis, axes.yaxis):
+        style.label_few_decades(axis)
     axes.set_xlabel("wall time per simulated second (s/s)")
-    ensemble = "worst error of the ensemble's means, and twice its uncertainty"
+    ensemble = "error of the ensemble, with twice its uncertainty"
     axes.set_ylabel(ensemble if study.chaotic else "worst error")
     style.legend(axes)
     style.dress(axes)

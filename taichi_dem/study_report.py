@@ -115,7 +115,11 @@ def _compared(study: Study, reference: Reference) -> str:
 
 
 def _comparable(study: Study, reference: Reference) -> str:
-    return quantity(reference.last / study.samples * study.window, "s")
+    """For how long trajectories are."""
+    between = study.window / study.samples
+    if reference.last == 0:
+        return f"less than {quantity(between, 's')}"
+    return quantity(reference.last * between, "s")
 
 
 def _turned(study: Study, tight: Settings) -> str:

@@ -133,9 +133,8 @@ def _timed(study: Study) -> str:
     usual = statistics.median(study.paces)
     least, most = (bound(study.paces) / usual for bound in (min, max))
     return (
-        f"wall times: medians of {count(rounds, 'round')}, in each of which a run of one and the "
-        f"same setting before and after tells how fast the machine was: it took {least:.2g} to "
-        f"{most:.2g} of its median"
+        f"wall times: medians of {count(rounds, 'round')}, each set against a run of one and the "
+        f"same setting just before and after, which took {least:.2g} to {most:.2g} times its median"
     )
 
 

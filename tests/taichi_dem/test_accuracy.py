@@ -93,6 +93,29 @@ def test_an_ensemble_knows_its_uncertainty():
     assert 0.8 < np.sqrt(np.median(np.square(ratios))) / 0.6745 < 1.4
 
 
+def test_ensembles_are_as_far_apart_as_their_scatter_explains_or_farther():
+    """Of one distribution; of two that are 30 times the scatter of a mean apart; of single runs."""
+    rng = np.random.default_rng(5)
+
+    def drawn(away, count=5):
+        place = made(n=200).position + away
+        return [
+            dataclasses.replace(made(), position=place + 1e-3 * rng.normal(size=place.shape))
+            for _ in range(count)
+        ]
+
+    assert accuracy.apart(drawn(0), drawn(0)) == pytest.approx(1, abs=0.1)
+    between = 30e-3 * np.sqrt(2 / 5)
+    assert accuracy.apart(drawn(between), drawn(0)) == pytest.approx(30, rel=0.05)
+    assert accuracy.apart(drawn(0, 1), drawn(1, 1)) == 1
+    here, there = drawn(between), drawn(0)
+    for k, run in enumerate([*here, *there]):
+        run.depression[:] = 1 + 1e-3 * k
+    error, uncertainty = accuracy.ensemble_errors(here, there)["depression"]
+    scatter = np.sqrt(2 * np.var([1e-3 * k for k in range(5)], ddof=1) / 5)
+    assert uncertainty == pytest.approx(30 * scatter / 1.007, rel=0.05) and error < uncertainty
+
+
 def test_steps_fit_between_samples():
     step = even_step(3e-5, 1e-2, 32)
     assert step <= 3e-5 and (1e-2 / 32 / step) == pytest.approx(round(1e-2 / 32 / step), abs=1e-9)

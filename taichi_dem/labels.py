@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 SIZE = 7.5  # points, of the letters
 NEAR, FAR, STEP = 4.0, 60.0, 4.0  # points from a mark to the nearest corner of its text
 MARK = 4.0  # points, half of a mark's side
+PAD = 1.5  # points between two texts
 AWAY = 10.0  # points from which on a line leads to the mark
 CORNERS = ((-1, -1), (1, 1), (-1, 1), (1, -1))  # in which a text may stand, the best first
 
@@ -33,7 +34,7 @@ def beside(
     drawing = cast("Figure", axes.figure)
     drawing.draw_without_rendering()  # so that it is known where everything is
     dot = drawing.dpi / 72
-    half = MARK * dot
+    half, pad = MARK * dot, PAD * dot
     taken = [(x - half, y - half, x + half, y + half) for x, y in axes.transData.transform(marks)]
     inside = axes.get_window_extent()
     frame = (inside.x0, inside.y0, inside.x1, inside.y1)
@@ -47,7 +48,7 @@ def beside(
         centre = axes.transData.transform((x, y))
         for away, box in _candidates(centre, size.width, size.height, dot):
             if _within(box, frame) and not any(_meet(box, other) for other in taken):
-                taken.append(box)
+                taken.append((box[0] - pad, box[1] - pad, box[2] + pad, box[3] + pad))
                 written.set_position(((box[0] - centre[0]) / dot, (box[1] - centre[1]) / dot))
                 if away > AWAY:
                     _lead(axes, (x, y), box, centre, dot, color)

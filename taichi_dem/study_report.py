@@ -62,8 +62,9 @@ def described(settings: Settings, knobs: Collection[str] = KNOBS) -> str:
 def _cut_short(study: Study) -> str:
     if study.reference is None:
         return f"{study.cut_short} before there was a reference: nothing was compared"
-    done = sum(point.timed or point.stopped for point in study.points)
-    return f"{study.cut_short} after {done} of {count(study.planned, 'setting')}"
+    done = f"{study.cut_short} after {len(study.points)} of {count(study.planned, 'setting')}"
+    untimed = sum(not (point.timed or point.stopped) for point in study.points)
+    return f"{done}, {untimed} of them not timed yet" if untimed else done
 
 
 def _untouched(study: Study) -> str:

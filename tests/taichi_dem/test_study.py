@@ -205,7 +205,7 @@ def test_a_study_that_was_cut_short_says_so_and_nothing_that_was_not_measured(tm
     assert said[1] == "trajectories stay comparable over all 1 s" and len(said) == 3
     result.points = [*points(), Point("step", Settings(1e-5), "finished", error=1e-5)]
     said = said_of(result)
-    assert said[0] == "interrupted after 4 of 22 settings"  # the fifth has not been timed
+    assert said[0] == "interrupted after 5 of 22 settings, 1 of them not timed yet"
     assert "is the cheapest so far" in said[-2] and "settings tried so far" in said[-1]
     assert said[-1].endswith("the least is 0.0009")
 

@@ -191,16 +191,16 @@ class Bench:
         if point is self.twin:
             self.twin_runs = runs
         elif point.knob in KNOBS[1:] and self.twin_runs is not None:
-            point.alone = self._alone(runs, self.twin_runs)
+            point.alone = self._alone(point, runs, self.twin_runs)
 
-    def _alone(self, runs: list[Record], twin_runs: list[Record]) -> float:
+    def _alone(self, point: Point, runs: list[Record], twin_runs: list[Record]) -> float:
         """The error of the one knob that is turned: against its twin, of the same step."""
         if self.study.chaotic:
             means = accuracy.ensemble_errors(runs, twin_runs)
             return accuracy.worst({name: error for name, (error, _) in means.items()})
         found = self._errors(runs, twin_runs)
         if "energy drift" in found:  # which is no difference of two runs
-            found["energy drift"] -= self.twin.errors["energy drift"]
+            found["energy drift"] = point.errors["energy drift"] - self.twin.errors["energy drift"]
         return accuracy.worst(found)
 
     def _errors(self, runs: list[Record], references: list[Record]) -> dict[str, float]:

@@ -404,7 +404,8 @@ def test_without_its_twin_a_knob_has_no_error_of_its_own(tmp_path):
     bench = Bench(bobbing(), tmp_path, 1.0, 8, 1, print)
     bench.study.reference = Reference(Settings(1e-6), 8)
     twin, turned = (Point(knob, Settings.of(bobbing(), 1e-5)) for knob in ("step", "residual"))
-    bench.twin, bench.references = twin, [made()]
+    tight = dataclasses.replace(made(), turnover=1.01 * made().turnover)
+    bench.twin, bench.references = twin, [tight]
     bench._judge(turned, [made()])
     assert turned.alone is None and math.isfinite(turned.error)
     bench._judge(twin, [made()])

@@ -147,7 +147,11 @@ class Bench:
     def _pace(self) -> float:
         """Wall time of a run of the pacer, per simulated second; their median is the unit of all
         times."""
-        self.study.paces.append(self.pacer.time(self.stable) / self.study.window)
+        try:
+            taken = self.pacer.time(self.stable)
+        except WorkerFailed as error:
+            raise WorkerFailed(f"the pacer, which all times are compared with: {error}") from error
+        self.study.paces.append(taken / self.study.window)
         for point in self.study.points:
             point.unit = statistics.median(self.study.paces)
         return self.study.paces[-1]

@@ -331,6 +331,20 @@ def test_what_fails_in_the_middle_has_no_time(tmp_path, monkeypatch):
     assert [row["outcome"] for row in rows(tmp_path)] == [lost.outcome, "finished"]
 
 
+def test_without_its_pacer_a_study_ends(tmp_path, monkeypatch):
+    """With what is in the table."""
+
+    def slowness():
+        yield from [1.0, 1.0, 1.0, 1.0]
+        raise WorkerFailed("no memory")
+
+    bench = toy_bench(tmp_path, monkeypatch, slowness())
+    with pytest.raises(WorkerFailed, match=r"the pacer, .*: no memory"):
+        bench._measure([Point("step", Settings(step)) for step in (1.0, 2.0)])
+    assert [point.times for point in bench.study.points] == [[0.5], []]
+    assert [float(row["error"]) for row in rows(tmp_path)] == [math.inf] * 2
+
+
 def test_the_picture_says_which_settings_are_on_the_front(tmp_path):
     """Each by its knob's value; no text on another."""
     found = points()

@@ -89,6 +89,11 @@ class Point:
         return self.unit * statistics.median(self.times) if self.times else float("inf")
 
     @property
+    def least(self) -> float:
+        """That of its fastest round."""
+        return self.unit * min(self.times, default=math.inf)
+
+    @property
     def bound(self) -> float:
         """What all its errors are surely within: each with twice its uncertainty."""
         return max([self.error, *(error + 2 * doubt for error, doubt in self.means.values())])
@@ -107,7 +112,7 @@ class Point:
             "surely_within": self.bound,
             "error_of_knob": self.alone,
             "seconds_per_simulated_second": self.cost,
-            "least_seconds_per_simulated_second": self.unit * min(self.times, default=math.inf),
+            "least_seconds_per_simulated_second": self.least,
             "largest_seconds_per_simulated_second": self.unit * max(self.times, default=math.inf),
             "compile_s": self.built,
             "rounds": len(self.times),

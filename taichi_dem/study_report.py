@@ -159,7 +159,8 @@ def _cheapest(study: Study, reference: Reference, target: float) -> str:
             found = f"its errors are surely within {point.bound:.2g}"
         return (
             f"error {target:g}: {_advised(study, reference, point)} is the cheapest{so_far}, "
-            f"{quantity(point.cost, 's')} per simulated second; {over} {found}"
+            f"{quantity(point.cost, 's')} per simulated second{_rivals(study, point, target)}; "
+            f"{over} {found}"
         )
     measured = [point for point in study.points if point.timed]
     least = min(point.bound for point in measured)
@@ -171,3 +172,10 @@ def _cheapest(study: Study, reference: Reference, target: float) -> str:
         if blind > target:
             why += f", and none below {blind:.2g} could be told from {reference.members} runs"
     return f"error {target:g}: met by none of the settings tried{so_far}; {why}"
+
+
+def _rivals(study: Study, cheapest: Point, target: float) -> str:
+    """How many more may be as cheap: those of which a round was."""
+    meeting = [point for point in study.points if point.meets(target) and point is not cheapest]
+    rivals = sum(point.least <= cheapest.cost for point in meeting)
+    return f" ({count(rivals, 'other')} took no longer in some round)" if rivals else ""

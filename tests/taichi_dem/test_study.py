@@ -134,6 +134,17 @@ def test_sentences_name_what_meets_each_target(tmp_path):
     assert "chaotic" in said[0] and "250 ms of 1 s" in said[0] and "too deep" in said[2]
 
 
+def test_what_may_be_as_cheap_is_counted(tmp_path):
+    """By its fastest round; of those that meet the error."""
+    found = points()[:2]
+    found[1].times = [1.5, 0.9, 1.2]
+    said = said_of(made_study(tmp_path, found))
+    assert "1 s per simulated second (1 other took no longer in some round); over" in said[2]
+    assert "took no longer" not in said[3]
+    found[1].times = [1.5, 1.1, 1.2]
+    assert "took no longer" not in said_of(made_study(tmp_path, found))[2]
+
+
 def test_only_measures_that_were_compared_are_named(tmp_path):
     """In a box, say, without a substrate."""
     found = points()

@@ -82,10 +82,7 @@ def _found(study: Study, reference: Reference) -> Iterator[str]:
             f"nothing touched the substrate in these {quantity(study.window, 's')}: "
             f"{', '.join(GROUND)} change nothing here"
         )
-    if study.orders:
-        listed = ", ".join(f"{name} {order:.2f}" for name, order in study.orders.items())
-        first = f", in the first {_comparable(study, reference)}" if reference.chaotic else ""
-        yield f"orders of convergence in the time step{first}: {listed}"
+    yield from _orders(study, reference)
     if study.sparse_order is not None:
         yield f"order in the time from one exchange to the next: {study.sparse_order:.2f}"
     for point in study.points:
@@ -127,6 +124,20 @@ def _turned(study: Study, tight: Settings) -> str:
     said = f"turned: {', '.join(study.turned)}"
     rest = described(tight, [knob for knob in KNOBS if knob not in study.turned])
     return f"{said}; all else at its tightest ({rest})" if rest else said
+
+
+def _orders(study: Study, reference: Reference) -> Iterator[str]:
+    """Those that were fitted, and which errors have none."""
+    steps = [point.errors for point in study.points if point.knob == "step"]
+    found = dict.fromkeys(name for each in steps for name, error in each.items() if error > NOISE)
+    listed = ", ".join(f"{name} {order:.2f}" for name, order in study.orders.items())
+    stray = ", ".join(name for name in found if name not in study.orders)
+    first = f", in the first {_comparable(study, reference)}" if reference.chaotic else ""
+    if listed:
+        none = f"; none of {stray}" if stray else ""
+        yield f"orders of convergence in the time step{first}: {listed}{none}"
+    elif stray and not study.cut_short:
+        yield f"no order in the time step{first}: nothing tells how exact the reference is"
 
 
 def _timed(study: Study) -> str:

@@ -134,6 +134,18 @@ def test_sentences_name_what_meets_each_target(tmp_path):
     assert "chaotic" in said[0] and "250 ms of 1 s" in said[0] and "too deep" in said[2]
 
 
+def test_errors_that_do_not_go_with_the_step_are_named(tmp_path):
+    found = points()
+    for point in found:
+        point.errors = {"trajectory": 1e-3, "depression": 1e-3, "energy drift": 1e-15}
+    said = said_of(made_study(tmp_path, found, orders={"trajectory": 1.98}))
+    assert said[2] == "orders of convergence in the time step: trajectory 1.98; none of depression"
+    result = made_study(tmp_path, found)
+    assert said_of(result)[2].startswith("no order in the time step: nothing tells")
+    result.cut_short = "interrupted"
+    assert not any("order" in line for line in said_of(result))
+
+
 def test_what_may_be_as_cheap_is_counted(tmp_path):
     """By its fastest round; of those that meet the error."""
     found = points()[:2]

@@ -20,8 +20,8 @@ GIVEN, COMBINED = "#777777", "combined"
 
 def picture(study: Study) -> Figure:
     """Error against wall time per simulated second, one colour per knob, and the Pareto front with
-    the values of its points. Of an ensemble, what the error is surely within, and a bar down to
-    the error that was found."""
+    the values of its points; bars across reach from the fastest round to the slowest. Of an
+    ensemble, what the error is surely within, and a bar down to the error that was found."""
     drawing = style.figure(6.4, 4.4)
     axes = drawing.subplots()
     measured = [point for point in study.points if point.timed]
@@ -33,10 +33,11 @@ def picture(study: Study) -> Figure:
         axes.errorbar(
             [point.cost for point in points],
             [_height(point) for point in points],
+            xerr=_around(points),
             yerr=_down(points) if study.chaotic else None,
             marker="s" if knob not in KNOBS else "o",
             markersize=5,
-            elinewidth=0.8,
+            elinewidth=0.7,
             linestyle="-" if knob == "step" else "",
             color=_color(knob),
             label=label,
@@ -80,6 +81,11 @@ def value(point: Point) -> str:
 
 def _height(point: Point) -> float:
     return max(point.bound, FLOOR)
+
+
+def _around(points: list[Point]) -> list[list[float]]:
+    """How far bars reach to the left and to the right of the points."""
+    return [[p.cost - p.least for p in points], [p.most - p.cost for p in points]]
 
 
 def _down(points: list[Point]) -> list[list[float]]:

@@ -90,8 +90,13 @@ class Point:
 
     @property
     def least(self) -> float:
-        """That of its fastest round."""
+        """That of the fastest round."""
         return self.unit * min(self.times, default=math.inf)
+
+    @property
+    def most(self) -> float:
+        """That of the slowest round."""
+        return self.unit * max(self.times, default=math.inf)
 
     @property
     def bound(self) -> float:
@@ -113,7 +118,7 @@ class Point:
             "error_of_knob": self.alone,
             "seconds_per_simulated_second": self.cost,
             "least_seconds_per_simulated_second": self.least,
-            "largest_seconds_per_simulated_second": self.unit * max(self.times, default=math.inf),
+            "largest_seconds_per_simulated_second": self.most,
             "compile_s": self.built,
             "rounds": len(self.times),
         }

@@ -186,7 +186,7 @@ def _cheapest(study: Study, reference: Reference, target: float) -> str:
 
 
 def _rivals(study: Study, cheapest: Point, target: float) -> str:
-    """How many more may be as cheap: those of which a round was."""
+    """How many more may be as cheap: those with a round that was faster than one of its."""
     meeting = [point for point in study.points if point.meets(target) and point is not cheapest]
-    rivals = sum(point.least <= cheapest.cost for point in meeting)
-    return f" ({count(rivals, 'other')} took no longer in some round)" if rivals else ""
+    rivals = sum(point.least <= cheapest.most for point in meeting)
+    return f" ({count(rivals, 'other')} as cheap within the scatter of rounds)" if rivals else ""

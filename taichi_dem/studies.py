@@ -40,9 +40,9 @@ def study(
     the median of; ``overrides`` as in :func:`taichi_dem.scene_file.read`; ``say`` takes lines for
     people.
 
-    Where nothing touches in that time, nothing is turned. The table has results as they come; Ctrl-C
-    writes what there is and raises ``KeyboardInterrupt``. Raises ``InputError`` before anything is
-    written.
+    Where nothing touches in that time, nothing is turned. The table has results as they come;
+    Ctrl-C writes what there is and raises ``KeyboardInterrupt``. Raises ``InputError`` before
+    anything is written.
     """
     folder = Path(folder)
     scene, step, duration = _scene(scene, duration, overrides)

@@ -84,16 +84,31 @@ def ensemble_errors(
     runs: Sequence[Record], references: Sequence[Record]
 ) -> dict[str, tuple[float, float]]:
     """Relative error of the means of :func:`statistics` over an ensemble, and the standard
-    uncertainty of that error, by name."""
+    uncertainty of that error, by name: the standard error, times how far the ensembles are
+    :func:`apart`."""
     means = [[statistics(run) for run in ensemble] for ensemble in (runs, references)]
-    found = {}
+    found, more = {}, apart(runs, references)
     for name in means[1][0]:
         here, there = (np.array([each.get(name, 0.0) for each in part]) for part in means)
         scale = abs(there.mean())
         if scale > TINY:
-            spread = np.sqrt(_square_of_mean(here) + _square_of_mean(there))
+            spread = more * np.sqrt(_square_of_mean(here) + _square_of_mean(there))
             found[name] = (abs(here.mean() - there.mean()) / scale, float(spread / scale))
     return found
+
+
+def apart(runs: Sequence[Record], references: Sequence[Record]) -> float:
+    """How much farther apart the mean places in two ensembles are, late in their runs, than the
+    scatter within them explains; at least 1.
+
+    Runs whose starts differ by ``PERTURBATION`` part later than runs of different steps do. Until
+    then their scatter says nothing of how far chaos takes the latter apart.
+    """
+    first = int(np.ceil((1 - LATE) * references[0].samples))
+    here, there = (np.array([run.position[first:] for run in part]) for part in (runs, references))
+    scatter = sum(_square_of_mean(part) for part in (here, there))
+    between = float(np.square(here.mean(axis=0) - there.mean(axis=0)).sum())
+    return max(1.0, float(np.sqrt(between / scatter))) if scatter > TINY else 1.0
 
 
 def worst(found: Mapping[str, float]) -> float:
@@ -103,11 +118,11 @@ def worst(found: Mapping[str, float]) -> float:
 
 
 def worst_mean(found: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
-    """The one of :func:`ensemble_errors` that with twice its uncertainty is the largest; infinite
-    where there is none or one is not a number."""
+    """The largest of :func:`ensemble_errors`, and its uncertainty; infinite where there is none or
+    one is not a number."""
     if not found or not np.isfinite(list(found.values())).all():
         return float("inf"), 0.0
-    return max(found.values(), key=lambda pair: pair[0] + 2 * pair[1])
+    return max(found.values())
 
 
 def _share(difference: np.ndarray, value: np.ndarray) -> float | None:
@@ -134,5 +149,5 @@ def _matched_forces(run: Record, reference: Record) -> tuple[np.ndarray, np.ndar
 
 
 def _square_of_mean(values: np.ndarray) -> float:
-    """The squared standard uncertainty of the mean."""
-    return float(values.var(ddof=1)) / len(values) if len(values) > 1 else 0.0
+    """The squared standard uncertainty of the mean over the first axis, summed over all others."""
+    return float(values.var(axis=0, ddof=1).sum()) / len(values) if len(values) > 1 else 0.0

@@ -3,7 +3,8 @@
 Every knob is turned alone, from loose to tight, with all others at their tightest; then, for each
 of the errors 1e-1 … 1e-4, the loosest values that leave room for each other are combined. All runs
 are compared with one at the tightest settings and a finer step. Every point has a process of its
-own; processes are compiled and warmed up before any clock runs, and take turns.
+own; processes are compiled and warmed up before any clock runs, and take turns, between two runs
+of one and the same setting each.
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ def study(
     the median of; ``overrides`` as in :func:`taichi_dem.scene_file.read`; ``say`` takes lines for
     people.
 
-    Where nothing touches in that time, nothing is turned. Results are appended as they come; Ctrl-C
-    writes what there is and raises ``KeyboardInterrupt``. Raises ``InputError`` before anything is
-    written.
+    Where nothing touches in that time, nothing is turned. The table has results as they come;
+    Ctrl-C writes what there is and raises ``KeyboardInterrupt``. Raises ``InputError`` before
+    anything is written.
     """
     folder = Path(folder)
     scene, step, duration = _scene(scene, duration, overrides)
@@ -51,7 +52,7 @@ def study(
     bench = Bench(scene, folder, duration, samples, rounds, say)
     try:
         bench.start(step)
-        if bench.study.touched:
+        if bench.reference.touched:
             bench.ladders(knobs or KNOBS)
             bench.combinations()
     except BaseException as error:

@@ -1,25 +1,31 @@
-"""The runs of a study: a reference, and the points that are measured against it."""
+"""The runs of a study: a reference, and the points that are measured against it.
+
+A machine is not equally fast at all times, and not all processes can be alive at once. So one of
+them, the pacer, lives as long as the study does, and every timed run stands between two of its
+runs: times are compared as multiples of the pacer's.
+"""
 
 from __future__ import annotations
 
+import math
+import statistics
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
-from taichi_dem import accuracy, orders
+from taichi_dem import accuracy, study_plan
 from taichi_dem import study_point as table
 from taichi_dem.closed_form import flown_freely, is_over, rebound, rebound_error
 from taichi_dem.record import Record, even_step
 from taichi_dem.scene import Scene
 from taichi_dem.settings import KNOBS, REFERENCE_STEP, STEPS, Settings, ladder
-from taichi_dem.study_point import TARGETS, Point
-from taichi_dem.study_result import Study
+from taichi_dem.study_point import Point
+from taichi_dem.study_result import Reference, Study
 from taichi_dem.workers import Worker, WorkerFailed
 
-ALIVE = 8  # processes at a time
+ALIVE = 8  # processes at a time, and the pacer
 MEMBERS = 5  # of an ensemble
 PAIRED = 1 / 4  # of the stable step: that at which knobs other than the step are turned
-ROOM = 0.2  # of a target, for each knob but the step in a combination
-AIM = 0.8  # of what is left of a target, for the step
 
 
 class Bench:
@@ -36,17 +42,17 @@ class Bench:
         say: Callable[[str], None],
     ):
         self.scene, self.rounds, self.say = scene, rounds, say
-        self.study = Study(folder, window, samples, last=samples, compared=False)
+        self.study = Study(folder, window, samples)
         self.records = folder / "records"
         self.exact = rebound(scene)
+        self.references: list[Record] = []
         self.hosted = False
         self.twin_runs: list[Record] | None = None  # once the twin has got through
-        self._workers: list[Worker] = []
+        self._open = ExitStack()
 
     def close(self) -> None:
-        """End all processes."""
-        while self._workers:
-            self._workers.pop().close()
+        """End the pacer."""
+        self._open.close()
 
     def start(self, given_step: float | None) -> None:
         """The reference, and whether the scene is chaotic; ``given_step`` (s) is the scene's."""
@@ -54,22 +60,35 @@ class Bench:
         self.records.mkdir()
         table.write(self.study.folder, [])
         tight = Settings.tightest(self.scene, 0.0)
-        worker = self._worker(tight, None)
+        self.pacer = worker = self._worker(tight, None, self._open)
         self.stable = self._even(worker.stable)  # so that halves are halves
         self.given = Settings.of(self.scene, self._even(given_step or worker.stable))
-        self.tight = self.study.tight = tight.but("step", self.stable * REFERENCE_STEP)
+        tight = tight.but("step", self.stable * REFERENCE_STEP)
         coarse = [self._reference(worker, member, self.stable) for member in (0, 1)]
-        self.study.last = accuracy.comparable(*coarse)
-        self.study.chaotic = self.study.last < self.study.samples
-        self.references = [
-            self._reference(worker, member, self.tight.step) for member in self._members()
-        ]
-        self._characterize(self.references)
-        self.close()
+        last = accuracy.comparable(*coarse)
+        members = range(MEMBERS if last < self.study.samples else 1)
+        self.references = [self._reference(worker, member, tight.step) for member in members]
+        self.characterize(tight, last)
+
+    def characterize(self, tight: Settings, last: int) -> None:
+        """What ``references``, of settings ``tight``, comparable up to sample ``last``, say."""
+        runs, before = self.references, self.scene.spheres.velocity
+        ground = None if self.scene.substrate is None else any(run.ground.any() for run in runs)
+        touched = not flown_freely(runs[0], self.scene)
+        chaotic = last < self.study.samples
+        self.study.reference = Reference(tight, last, chaotic, len(runs), touched, ground)
+        if self.exact is not None and not is_over(runs[0], self.exact, before):
+            self.exact = None
+
+    @property
+    def reference(self) -> Reference:
+        """Of the study, which has been started."""
+        assert self.study.reference is not None
+        return self.study.reference
 
     def ladders(self, knobs: Sequence[str]) -> None:
         """The step and each of ``knobs`` turned alone, and the settings that the scene asks for."""
-        steps = ladder("step", self.scene, self.tight, self.stable)
+        steps = ladder("step", self.scene, self.reference.settings, self.stable)
         points = [Point("step", settings) for settings in steps]
         self.twin = points[STEPS.index(PAIRED)]
         for knob in dict.fromkeys(knobs):
@@ -82,74 +101,20 @@ class Bench:
 
     def combinations(self) -> None:
         """For each target the loosest values that leave room for each other."""
-        fitted = self._fit_orders()
+        study, reference = self.study, self.reference
         points: list[Point] = []
-        for target in TARGETS:
-            settings, used = self._loosened(ROOM * target)
-            step = self._step_for(AIM * (target - used), fitted)
-            if step is None or self._even(step) < 2 * self.tight.step:
-                continue
-            settings = settings.at(self._even(step))
+        study.orders = study_plan.fit_orders(study, reference)
+        study.sparse_order = study_plan.sparse_order(study)
+        tried = study_plan.combinations(study, reference, self.twin.settings, self.stable)
+        for target, settings in tried:
             if settings not in [point.settings for point in points]:
                 points.append(Point(f"combined {target:g}", settings))
         self._measure(points)
 
-    def _step_for(self, error: float, fitted: tuple[float, float] | None) -> float | None:
-        """The largest step (s), up to the stable one, that errs by at most ``error``: by the order
-        and constant that were ``fitted``, or of those that were tried where none were."""
-        if fitted is not None:
-            order, scale = fitted
-            return min((error / scale) ** (1 / order), self.stable)
-        tried = [point for point in self.study.points if point.knob == "step"]
-        return max((p.settings.step for p in tried if p.meets(error)), default=None)
-
-    def _characterize(self, references: Sequence[Record]) -> None:
-        """What happens in the scene at all."""
-        self.study.compared = True
-        self.study.touched = not flown_freely(references[0], self.scene)
-        if self.scene.substrate is not None:
-            self.study.grounded = any(run.ground.any() for run in references)
-        before = self.scene.spheres.velocity
-        if self.exact is not None and not is_over(references[0], self.exact, before):
-            self.exact = None
-
-    def _fit_orders(self) -> tuple[float, float] | None:
-        """Those of each measure on record; returns order and constant of the worst error."""
-        points = [point for point in self.study.points if point.knob == "step"]
-        steps = [point.settings.step for point in points]
-        for name in points[0].errors if points else ():
-            errors = [point.errors.get(name, float("inf")) for point in points]
-            absolute = name in ("energy drift", "rebound")  # with no other run to compare with
-            found = orders.fit(steps, errors, 0.0 if absolute else self.tight.step)
-            if found is not None:
-                self.study.orders[name] = found[0]
-        self.study.sparse_order = self._sparse_order()
-        return orders.fit(steps, [point.error for point in points], self.tight.step)
-
-    def _sparse_order(self) -> float | None:
-        """That of extrapolation, by the errors that it adds."""
-        points = [p for p in self.study.points if p.knob == "exchange" and p.settings.every > 1]
-        between = [point.settings.every * point.settings.step for point in points]
-        found = orders.fit(between, [p.alone if p.alone else float("inf") for p in points])
-        return None if found is None else found[0]
-
-    def _loosened(self, room: float) -> tuple[Settings, float]:
-        """The tightest settings with each knob at the loosest value whose own error is at most
-        ``room``, at the step that they were turned at; and the sum of these errors. (Not by the
-        times: these are less certain.)"""
-        settings, used = self.tight.but("step", self.twin.settings.step), 0.0
-        for point in self.study.points:
-            own = float("inf") if point.alone is None else point.alone
-            first = getattr(settings, point.knob, None) == getattr(self.tight, point.knob, None)
-            if point.knob != "skin" and first and own <= room:
-                settings = settings.but(point.knob, getattr(point.settings, point.knob))
-                used += own
-        return settings, used
-
     # -- measuring -------------------------------------------------------------------------------
 
     def _measure(self, points: Sequence[Point]) -> None:
-        """All of ``points``, a few processes at a time, which take turns."""
+        """All of ``points``, a few processes at a time: each is looked at, then they take turns."""
         done = self.study.planned
         self.study.planned += len(points)
         for first in range(0, len(points), ALIVE):
@@ -158,30 +123,57 @@ class Bench:
             which = f"settings {low} to {high}" if high > low else f"setting {low}"
             labels = ", ".join(point.label for point in batch)
             self.say(f"{which} of {self.study.planned}: {labels} …")
-            pairs = [(point, self._worker_of(point)) for point in batch]
-            for turn in range(self.rounds):
-                for point, worker in pairs:
-                    if worker is not None and (turn == 0 or point.seconds):
-                        self._turn(point, worker)
-            self.close()
+            with ExitStack() as alive:
+                pairs = [(point, self._looked_at(point, alive)) for point in batch]
+                for _ in range(self.rounds):
+                    self._turn(pairs)
 
-    def _turn(self, point: Point, worker: Worker) -> None:
-        """One timed run of a point; before the first one it is looked at."""
+    def _turn(self, pairs: Sequence[tuple[Point, Worker | None]]) -> None:
+        """One timed run of each point, between two of the pacer."""
+        before = self._pace()
+        for point, worker in pairs:
+            if worker is None or point.stopped:
+                continue
+            try:
+                taken = worker.time() / self.study.window
+            except WorkerFailed as error:
+                point.outcome, point.times = f"failed: {error}", []
+            else:
+                after = self._pace()
+                point.times.append(taken / math.sqrt(before * after))
+                before = after
+            table.write(self.study.folder, self.study.points)
+
+    def _pace(self) -> float:
+        """Wall time of a run of the pacer, per simulated second; their median is the unit of all
+        times."""
         try:
-            if not point.seconds:
-                self._look(point, worker)
-            if not point.stopped:
-                point.seconds.append(worker.time() / self.study.window)
+            taken = self.pacer.time(self.stable)
         except WorkerFailed as error:
-            point.outcome, point.seconds = f"failed: {error}", []
-        if point not in self.study.points:
-            self.study.points.append(point)
-            table.append(self.study.folder, point)
+            raise WorkerFailed(f"the pacer, which all times are compared with: {error}") from error
+        self.study.paces.append(taken / self.study.window)
+        for point in self.study.points:
+            point.unit = statistics.median(self.study.paces)
+        return self.study.paces[-1]
+
+    def _looked_at(self, point: Point, alive: ExitStack) -> Worker | None:
+        """The process of a point, which joins those ``alive``, once its errors are known; None
+        where it cannot even be started."""
+        worker = None
+        try:
+            worker = self._worker(point.settings, point.settings.step, alive)
+            point.built = worker.built
+            self._look(point, worker)
+        except WorkerFailed as error:
+            point.outcome = f"failed: {error}"
+        self.study.points.append(point)
+        table.write(self.study.folder, self.study.points)
+        return worker
 
     def _look(self, point: Point, worker: Worker) -> None:
         """Run all members of a point's ensemble, and find its errors."""
         runs = []
-        for member in self._members():
+        for member in range(self.reference.members):
             path = self.records / f"{len(self.study.points)}.{member}.npz"
             answer = worker.look(path, member)
             if "stopped" in answer:
@@ -203,29 +195,26 @@ class Bench:
         if point is self.twin:
             self.twin_runs = runs
         elif point.knob in KNOBS[1:] and self.twin_runs is not None:
-            point.alone = self._alone(runs, self.twin_runs)
+            point.alone = self._alone(point, runs, self.twin_runs)
 
-    def _alone(self, runs: list[Record], twin_runs: list[Record]) -> float:
+    def _alone(self, point: Point, runs: list[Record], twin_runs: list[Record]) -> float:
         """The error of the one knob that is turned: against its twin, of the same step."""
         if self.study.chaotic:
             means = accuracy.ensemble_errors(runs, twin_runs)
             return accuracy.worst({name: error for name, (error, _) in means.items()})
         found = self._errors(runs, twin_runs)
         if "energy drift" in found:  # which is no difference of two runs
-            found["energy drift"] -= self.twin.errors["energy drift"]
+            found["energy drift"] = point.errors["energy drift"] - self.twin.errors["energy drift"]
         return accuracy.worst(found)
 
     def _errors(self, runs: list[Record], references: list[Record]) -> dict[str, float]:
-        if self.study.last < accuracy.FEWEST:
+        if self.reference.last < accuracy.FEWEST:
             return {}
-        return accuracy.errors(runs[0], references[0], self.study.last)
+        return accuracy.errors(runs[0], references[0], self.reference.last)
 
     def _even(self, step: float) -> float:
         """The step (s) that is really made."""
         return even_step(step, self.study.window, self.study.samples)
-
-    def _members(self) -> range:
-        return range(MEMBERS if self.study.chaotic else 1)
 
     def _reference(self, worker: Worker, member: int, step: float) -> Record:
         """A run that must get through."""
@@ -236,19 +225,8 @@ class Bench:
         self.hosted = self.hosted or answer["hosted"]
         return Record.load(path)
 
-    def _worker_of(self, point: Point) -> Worker | None:
-        """The process of a point, or None where it cannot even be started."""
-        try:
-            worker = self._worker(point.settings, point.settings.step)
-        except WorkerFailed as error:
-            point.outcome = f"failed: {error}"
-            self.study.points.append(point)
-            return None
-        point.built = worker.built
-        return worker
-
-    def _worker(self, settings: Settings, step: float | None) -> Worker:
+    def _worker(self, settings: Settings, step: float | None, alive: ExitStack) -> Worker:
         scene = self.study.folder / "scene.toml"
         worker = Worker(scene, settings, self.study.window, self.study.samples, step)
-        self._workers.append(worker)
+        alive.callback(worker.close)
         return worker

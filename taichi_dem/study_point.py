@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import math
 import statistics
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from taichi_dem.settings import Settings
+from taichi_dem.writing import replacing
 
 TABLE = "study.csv"
 TARGETS = (1e-1, 1e-2, 1e-3, 1e-4)
@@ -33,6 +35,7 @@ COLUMNS = (
     "outcome",
     "error",
     "uncertainty",
+    "surely_within",
     "error_of_knob",
     "seconds_per_simulated_second",
     "least_seconds_per_simulated_second",
@@ -47,8 +50,9 @@ COLUMNS = (
 @dataclasses.dataclass
 class Point:
     """``error``: the worst of ``errors``, or for a chaotic scene of the ensemble's ``means`` (error
-    and uncertainty by name); ``alone``: that of the one knob that is turned, against the same step
-    with all else at its tightest; ``seconds``: wall time of each round, per simulated second."""
+    and ``uncertainty`` by name); ``alone``: that of the one knob that is turned, against the same
+    step with all else at its tightest; ``times``: wall time of each round, in those that the pacer
+    took just before and after; ``unit``: the median of all of the pacer's, s per simulated s."""
 
     knob: str
     settings: Settings
@@ -59,7 +63,8 @@ class Point:
     error: float = float("inf")
     uncertainty: float = 0.0
     built: float = 0.0
-    seconds: list[float] = dataclasses.field(default_factory=list)
+    times: list[float] = dataclasses.field(default_factory=list)
+    unit: float = 1.0
 
     @property
     def stopped(self) -> bool:
@@ -74,13 +79,33 @@ class Point:
         return f"{self.knob} {shown}".strip()
 
     @property
+    def timed(self) -> bool:
+        """Whether it is known what it costs."""
+        return bool(self.times)
+
+    @property
     def cost(self) -> float:
         """Median wall time per simulated second."""
-        return statistics.median(self.seconds) if self.seconds else float("inf")
+        return self.unit * statistics.median(self.times) if self.times else float("inf")
+
+    @property
+    def least(self) -> float:
+        """That of the fastest round."""
+        return self.unit * min(self.times, default=math.inf)
+
+    @property
+    def most(self) -> float:
+        """That of the slowest round."""
+        return self.unit * max(self.times, default=math.inf)
+
+    @property
+    def bound(self) -> float:
+        """What all its errors are surely within: each with twice its uncertainty."""
+        return max([self.error, *(error + 2 * doubt for error, doubt in self.means.values())])
 
     def meets(self, target: float) -> bool:
-        """Whether its error is surely within ``target``: with twice its uncertainty."""
-        return self.error + 2 * self.uncertainty <= target
+        """Whether its errors are surely within ``target``."""
+        return self.bound <= target
 
     def row(self) -> dict[str, object]:
         """Its line of the table."""
@@ -89,12 +114,13 @@ class Point:
             "outcome": self.outcome,
             "error": self.error,
             "uncertainty": self.uncertainty,
+            "surely_within": self.bound,
             "error_of_knob": self.alone,
             "seconds_per_simulated_second": self.cost,
-            "least_seconds_per_simulated_second": min(self.seconds, default=self.cost),
-            "largest_seconds_per_simulated_second": max(self.seconds, default=self.cost),
+            "least_seconds_per_simulated_second": self.least,
+            "largest_seconds_per_simulated_second": self.most,
             "compile_s": self.built,
-            "rounds": len(self.seconds),
+            "rounds": len(self.times),
         }
         found |= {name.replace(" ", "_"): value for name, value in self.errors.items()}
         found |= {f"mean_{k.replace(' ', '_')}": value for k, (value, _) in self.means.items()}
@@ -102,34 +128,26 @@ class Point:
 
 
 def write(folder: Path, points: Iterable[Point]) -> Path:
-    """The table of ``points`` as ``study.csv`` in ``folder``."""
+    """The table of ``points`` as ``study.csv`` in ``folder``, in one piece."""
     path = folder / TABLE
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         table.writeheader()
         table.writerows(point.row() for point in points)
     return path
 
 
-def append(folder: Path, point: Point) -> None:
-    """One more line at the end of the table, which is made if there is none."""
-    path = folder / TABLE
-    if not path.exists():
-        write(folder, [])
-    with path.open("a", newline="", encoding="utf-8") as file:
-        csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(point.row())
-
-
 def cheapest(points: Sequence[Point], target: float) -> Point | None:
     """The one that surely meets ``target`` in the least time."""
-    meeting = [point for point in points if point.meets(target) and point.seconds]
+    meeting = [point for point in points if point.meets(target) and point.timed]
     return min(meeting, key=lambda point: point.cost, default=None)
 
 
 def pareto(points: Sequence[Point]) -> list[Point]:
-    """Those that no other beats in both time and error, from cheap to accurate."""
+    """Those that no other beats in both time and what the error is surely within, from cheap to
+    accurate."""
     front: list[Point] = []
-    for point in sorted(points, key=lambda point: (point.cost, point.error)):
-        if point.seconds and point.error < min((p.error for p in front), default=float("inf")):
+    for point in sorted(points, key=lambda point: (point.cost, point.bound)):
+        if point.timed and point.bound < min((p.bound for p in front), default=float("inf")):
             front.append(point)
     return front

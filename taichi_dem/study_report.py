@@ -1,24 +1,21 @@
-"""What a study found, in words and as a picture."""
+"""What a study found, in words."""
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from taichi_dem import style
 from taichi_dem.orders import NOISE
 from taichi_dem.settings import KNOBS, Settings
-from taichi_dem.study_point import TARGETS, Point, cheapest, pareto, write
-from taichi_dem.study_result import Study
+from taichi_dem.study_picture import picture
+from taichi_dem.study_point import TARGETS, Point, cheapest, write
+from taichi_dem.study_result import Reference, Study
 from taichi_dem.wording import count, quantity
 from taichi_dem.writing import write_text
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 WORDS, PICTURE = "study.txt", "study.png"
-FLOOR = 1e-16  # where an error of zero is drawn
 GROUND = ("tolerance", "residual", "coupling", "exchange")  # knobs of the substrate
 
 
@@ -29,8 +26,7 @@ def report(study: Study, say: Callable[[str], None]) -> None:
     write_text(study.folder / WORDS, "\n".join(lines) + "\n")
     for line in lines:
         say(line)
-    measured = [point for point in study.points if point.seconds]
-    if not measured:
+    if not any(point.timed for point in study.points):
         return
     try:
         style.save(picture(study), Path(study.folder) / PICTURE)
@@ -41,10 +37,11 @@ def report(study: Study, say: Callable[[str], None]) -> None:
 def sentences(study: Study) -> Iterator[str]:
     """What was compared, the order, what stopped, and the cheapest setting for each target; of
     what was not measured, nothing."""
+    reference = study.reference
     if study.cut_short:
         yield _cut_short(study)
-    if study.compared:
-        yield from _found(study) if study.touched else [_untouched(study)]
+    if reference is not None:
+        yield from _found(study, reference) if reference.touched else [_untouched(study)]
 
 
 def described(settings: Settings, knobs: Collection[str] = KNOBS) -> str:
@@ -62,59 +59,12 @@ def described(settings: Settings, knobs: Collection[str] = KNOBS) -> str:
     return ", ".join(said for knob, said in words.items() if knob in knobs)
 
 
-def picture(study: Study) -> Figure:
-    """Error against wall time per simulated second, one colour per knob, and the Pareto front."""
-    drawing = style.figure(6.4, 4.4)
-    axes = drawing.subplots()
-    colors = dict(zip(KNOBS, style.cycle(), strict=False))
-    measured = [point for point in study.points if point.seconds]
-    for knob in dict.fromkeys(_kind(point) for point in measured):
-        points = [point for point in measured if _kind(point) == knob]
-        label = knob
-        if knob == "step" and study.orders:
-            label = f"step, order {_of_worst(study, points):.2f}"
-        axes.errorbar(
-            [point.cost for point in points],
-            [max(point.error, FLOOR) for point in points],
-            yerr=[point.uncertainty for point in points] if study.chaotic else None,
-            marker="s" if knob not in KNOBS else "o",
-            linestyle="-" if knob == "step" else "",
-            color=colors.get(knob, style.INK if knob == "combined" else "#999999"),
-            label=label,
-        )
-    front = pareto(measured)
-    axes.plot(
-        [point.cost for point in front],
-        [max(point.error, FLOOR) for point in front],
-        color=style.INK,
-        linewidth=0.8,
-        linestyle="--",
-        label="Pareto front",
-        zorder=0,
-    )
-    axes.set(xscale="log", yscale="log")
-    style.label_few_decades(axes.xaxis)
-    axes.set_xlabel("wall time per simulated second (s/s)")
-    axes.set_ylabel("worst error of the ensemble's means" if study.chaotic else "worst error")
-    style.legend(axes)
-    style.dress(axes)
-    return drawing
-
-
-def _of_worst(study: Study, points: list[Point]) -> float:
-    """The order of the measure that is worst at the largest step."""
-    errors = {name: points[0].errors.get(name, 0.0) for name in study.orders}
-    return study.orders[max(errors, key=lambda name: errors[name])]
-
-
-def _kind(point: Point) -> str:
-    return point.knob.partition(" 1e")[0].partition(" 0.")[0]
-
-
 def _cut_short(study: Study) -> str:
-    if not study.compared:
+    if study.reference is None:
         return f"{study.cut_short} before there was a reference: nothing was compared"
-    return f"{study.cut_short} after {len(study.points)} of {count(study.planned, 'setting')}"
+    done = f"{study.cut_short} after {len(study.points)} of {count(study.planned, 'setting')}"
+    untimed = sum(not (point.timed or point.stopped) for point in study.points)
+    return f"{done}, {untimed} of them not timed yet" if untimed else done
 
 
 def _untouched(study: Study) -> str:
@@ -124,44 +74,50 @@ def _untouched(study: Study) -> str:
     )
 
 
-def _found(study: Study) -> Iterator[str]:
-    yield _compared(study)
-    if study.tight is not None:
-        yield _turned(study, study.tight)
-    if study.grounded is False and not any(map(_moved_ground, study.points)):
+def _found(study: Study, reference: Reference) -> Iterator[str]:
+    yield _compared(study, reference)
+    yield _turned(study, reference.settings)
+    if reference.grounded is False and not any(map(_moved_ground, study.points)):
         yield (
             f"nothing touched the substrate in these {quantity(study.window, 's')}: "
             f"{', '.join(GROUND)} change nothing here"
         )
-    if study.orders:
-        listed = ", ".join(f"{name} {order:.2f}" for name, order in study.orders.items())
-        yield f"orders of convergence in the time step: {listed}"
+    yield from _orders(study, reference)
     if study.sparse_order is not None:
         yield f"order in the time from one exchange to the next: {study.sparse_order:.2f}"
     for point in study.points:
-        if not point.seconds:
-            yield f"{point.knob}, {_advised(study, point)}: {point.outcome}"
-    if any(point.seconds for point in study.points):
+        if point.stopped:
+            yield f"{point.knob}, {_advised(study, reference, point)}: {point.outcome}"
+    if study.paces:
+        yield _timed(study)
+    if any(point.timed for point in study.points):
         for target in TARGETS:
-            yield _cheapest(study, target)
+            yield _cheapest(study, reference, target)
     elif not study.cut_short:
         yield "no setting got through: nothing was measured"
 
 
-def _compared(study: Study) -> str:
+def _compared(study: Study, reference: Reference) -> str:
     whole = quantity(study.window, "s")
-    found = [point.means if study.chaotic else point.errors for point in study.points]
+    found = [point.means if reference.chaotic else point.errors for point in study.points]
     names = ", ".join(dict.fromkeys(name for each in found for name in each))
-    if not study.chaotic:
+    if not reference.chaotic:
         errors = f": errors are those of {names}; the worst of them counts" if names else ""
         return f"trajectories stay comparable over all {whole}{errors}"
-    samples = study.last / study.samples * study.window
     errors = (
-        "; errors are those of means over an ensemble of perturbed runs, with their uncertainty"
+        f"; errors are those of means over an ensemble of {reference.members} perturbed runs, "
+        "with their uncertainty"
     )
-    return f"chaotic: trajectories stay comparable over {quantity(samples, 's')} of {whole}" + (
-        f"{errors}: {names}" if names else ""
-    )
+    comparable = f"trajectories stay comparable over {_comparable(study, reference)} of {whole}"
+    return f"chaotic: {comparable}" + (f"{errors}: {names}" if names else "")
+
+
+def _comparable(study: Study, reference: Reference) -> str:
+    """For how long trajectories are."""
+    between = study.window / study.samples
+    if reference.last == 0:
+        return f"less than {quantity(between, 's')}"
+    return quantity(reference.last * between, "s")
 
 
 def _turned(study: Study, tight: Settings) -> str:
@@ -170,32 +126,67 @@ def _turned(study: Study, tight: Settings) -> str:
     return f"{said}; all else at its tightest ({rest})" if rest else said
 
 
+def _orders(study: Study, reference: Reference) -> Iterator[str]:
+    """Those that were fitted, and which errors have none."""
+    steps = [point.errors for point in study.points if point.knob == "step"]
+    found = dict.fromkeys(name for each in steps for name, error in each.items() if error > NOISE)
+    listed = ", ".join(f"{name} {order:.2f}" for name, order in study.orders.items())
+    stray = ", ".join(name for name in found if name not in study.orders)
+    first = f", in the first {_comparable(study, reference)}" if reference.chaotic else ""
+    if listed:
+        none = f"; none of {stray}" if stray else ""
+        yield f"orders of convergence in the time step{first}: {listed}{none}"
+    elif stray and not study.cut_short:
+        yield f"no order in the time step{first}: nothing tells how exact the reference is"
+
+
+def _timed(study: Study) -> str:
+    rounds = max(len(point.times) for point in study.points)
+    usual = statistics.median(study.paces)
+    least, most = (bound(study.paces) / usual for bound in (min, max))
+    return (
+        f"wall times: medians of {count(rounds, 'round')}, each set against a run of one and the "
+        f"same setting just before and after, which took {least:.2g} to {most:.2g} times its median"
+    )
+
+
 def _moved_ground(point: Point) -> bool:
     """Whether it turned what the substrate is solved with, and that changed something."""
     return point.knob in GROUND and point.alone is not None and point.alone > NOISE
 
 
-def _advised(study: Study, point: Point) -> str:
+def _advised(study: Study, reference: Reference, point: Point) -> str:
     """The settings of ``point`` that were turned or are not the tightest."""
-    if study.tight is None:
-        return described(point.settings)
-    loose = [k for k in KNOBS if getattr(point.settings, k) != getattr(study.tight, k)]
+    loose = [k for k in KNOBS if getattr(point.settings, k) != getattr(reference.settings, k)]
     return described(point.settings, {*study.turned, *loose})
 
 
-def _cheapest(study: Study, target: float) -> str:
+def _cheapest(study: Study, reference: Reference, target: float) -> str:
     point = cheapest(study.points, target)
     so_far, over = " so far" if study.cut_short else "", f"over {quantity(study.window, 's')}"
     if point is not None:
+        found = f"its error is {point.error:.2g}"
+        if reference.chaotic:
+            found = f"its errors are surely within {point.bound:.2g}"
         return (
-            f"error {target:g}: {_advised(study, point)} is the cheapest{so_far}, "
-            f"{quantity(point.cost, 's')} per simulated second; "
-            f"{over} its error is {point.error:.2g}"
+            f"error {target:g}: {_advised(study, reference, point)} is the cheapest{so_far}, "
+            f"{quantity(point.cost, 's')} per simulated second{_rivals(study, point, target)}; "
+            f"{over} {found}"
         )
-    least = min(p.error + 2 * p.uncertainty for p in study.points)
-    doubt = max(p.uncertainty for p in study.points if p.seconds)
-    why = f"; the ensemble tells no more than {doubt:.2g}" if doubt > target / 2 else ""
-    return (
-        f"error {target:g}: met by none of the settings tried{so_far}; {over} the least is "
-        f"{least:.2g}{why}"
-    )
+    measured = [point for point in study.points if point.timed]
+    least = min(point.bound for point in measured)
+    if not reference.chaotic:
+        why = f"{over} the least is {least:.2g}"
+    else:
+        why = f"{over} all of them are surely within {least:.2g} at best"
+        blind = min(max(2 * doubt for _, doubt in p.means.values()) for p in measured)
+        if blind > target:
+            why += f", and none below {blind:.2g} could be told from {reference.members} runs"
+    return f"error {target:g}: met by none of the settings tried{so_far}; {why}"
+
+
+def _rivals(study: Study, cheapest: Point, target: float) -> str:
+    """How many more may be as cheap: those with a round that was faster than one of its."""
+    meeting = [point for point in study.points if point.meets(target) and point is not cheapest]
+    rivals = sum(point.least <= cheapest.most for point in meeting)
+    return f" ({count(rivals, 'other')} as cheap within the scatter of rounds)" if rivals else ""

@@ -112,12 +112,14 @@ def dress(axes: Axes) -> None:
 
 def label_few_decades(axis: Any) -> None:
     """Ticks of a logarithmic axis at 1, 2 and 5, written out, where it has less than two decades:
-    powers of ten would be too few and too wide."""
-    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+    powers of ten would be too few and too wide. Evenly spread ones where these are too few, too."""
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
     low, high = axis.get_view_interval()
     if high < 100 * low:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        if high < 4 * low:
+            axis.set_major_locator(MaxNLocator(6, steps=STEPS))
         axis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axis.set_minor_formatter(NullFormatter())
 

@@ -59,9 +59,9 @@ class Worker:
         the answer if a guard stopped it."""
         return self._ask(member=member, step=step, save=str(save))
 
-    def time(self) -> float:
+    def time(self, step: float | None = None) -> float:
         """Seconds that the steps of a run take which nobody looks at."""
-        return float(self._ask(member=0, step=None, save=None)["seconds"])
+        return float(self._ask(member=0, step=step, save=None)["seconds"])
 
     def close(self) -> None:
         """End the process; one that ends by itself leaves its compiled kernels to the next."""

@@ -60,9 +60,9 @@ def test_what_is_not_a_number_is_no_small_error():
     assert accuracy.worst({}) == float("inf")
 
 
-def test_the_worst_mean_is_the_one_that_may_be_worst():
-    found = {"surely": (2e-2, 1e-3), "perhaps": (1e-2, 1e-2)}
-    assert accuracy.worst_mean(found) == (1e-2, 1e-2)
+def test_the_worst_mean_is_the_largest_with_its_own_uncertainty():
+    found = {"large": (2e-2, 1e-3), "uncertain": (1e-2, 1e-2)}
+    assert accuracy.worst_mean(found) == (2e-2, 1e-3)
     assert accuracy.worst_mean({}) == (float("inf"), 0.0)
     lost = {"lost": (float("nan"), 0.0), **found}
     assert accuracy.worst_mean(lost) == (float("inf"), 0.0)
@@ -91,6 +91,29 @@ def test_an_ensemble_knows_its_uncertainty():
         error, uncertainty = accuracy.ensemble_errors(*two)["depression"]
         ratios.append(error / uncertainty)
     assert 0.8 < np.sqrt(np.median(np.square(ratios))) / 0.6745 < 1.4
+
+
+def test_ensembles_are_as_far_apart_as_their_scatter_explains_or_farther():
+    """Of one distribution; of two that are 30 times the scatter of a mean apart; of single runs."""
+    rng = np.random.default_rng(5)
+
+    def drawn(away, count=5):
+        place = made(n=200).position + away
+        return [
+            dataclasses.replace(made(), position=place + 1e-3 * rng.normal(size=place.shape))
+            for _ in range(count)
+        ]
+
+    assert accuracy.apart(drawn(0), drawn(0)) == pytest.approx(1, abs=0.1)
+    between = 30e-3 * np.sqrt(2 / 5)
+    assert accuracy.apart(drawn(between), drawn(0)) == pytest.approx(30, rel=0.05)
+    assert accuracy.apart(drawn(0, 1), drawn(1, 1)) == 1
+    here, there = drawn(between), drawn(0)
+    for k, run in enumerate([*here, *there]):
+        run.depression[:] = 1 + 1e-3 * k
+    error, uncertainty = accuracy.ensemble_errors(here, there)["depression"]
+    scatter = np.sqrt(2 * np.var([1e-3 * k for k in range(5)], ddof=1) / 5)
+    assert uncertainty == pytest.approx(30 * scatter / 1.007, rel=0.05) and error < uncertainty
 
 
 def test_steps_fit_between_samples():

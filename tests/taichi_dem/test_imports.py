@@ -22,10 +22,10 @@ LAYERS = {
     "drivers energy guards views sleep pace ground ground_view on_list good_state engine memory "
     "blocks",
     "simulation": "alerts asked schedule simulation moments neglect cost",
-    "outputs": "style wording snapshot frames progress output bed dents plot",
+    "outputs": "style labels wording snapshot frames progress output bed dents plot",
     "tools": "streams folder run oddities check settings record accuracy orders closed_form "
-    "worker workers study_point study_result study_report study_bench studies pilot choice "
-    "asked_error cli __main__",
+    "worker workers study_point study_result study_plan study_picture study_report study_bench "
+    "studies pilot choice asked_error cli __main__",
 }
 MAY_IMPORT = {
     "scene": {"scene"},

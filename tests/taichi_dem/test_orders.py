@@ -150,3 +150,5 @@ def test_no_order_of_what_does_not_go_with_the_step(reference):
     assert orders.fit(steps, [1.5] * 4, reference) is None
     assert orders.fit(steps, [1e-2, 1e-5, 1e-8, 1e-11], reference) is None
     assert orders.fit(steps, [4e-12, 1e-12, 2e-13, 1e-12], reference) is None
+    assert orders.fit(steps, [0.06, 0.05, 0.025, 2e-6], reference) is None
+    assert orders.fit(steps, [0.13, 0.11, 0.056, 0.0037], reference) is None

@@ -100,13 +100,14 @@ class LaggedExpansions(Expansions):
         for lane in ti.static(range(LANES)):
             answer[lane] = self.sum[block, lane]
         for turn in ti.static(range(1, LANES // 2 + 1)):
-            other = self.turned(block, turn)
-            on_own, on_other = self.shapes(k, own, other)
-            answer += other.load * on_own
-            if ti.static(2 * turn < LANES):  # else the same pairs, the other way round
-                back = own.load * on_other
-                for lane in ti.static(range(LANES)):
-                    answer[lane] += back[(lane - turn) % LANES]
+            if first + turn < number:  # or there is no such pair
+                other = self.turned(block, turn)
+                on_own, on_other = self.shapes(k, own, other)
+                answer += other.load * on_own
+                if ti.static(2 * turn < LANES):  # else the same pairs, the other way round
+                    back = own.load * on_other
+                    for lane in ti.static(range(LANES)):
+                        answer[lane] += back[(lane - turn) % LANES]
         for b in range(first + LANES, number):
             there, place = begin + (b >> SHIFT), b & (LANES - 1)
             other = self.one(there, place)

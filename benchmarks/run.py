@@ -27,6 +27,7 @@ NAMES = (
     "soak",
     "law_costs",
     "effect_costs",
+    "absent_effects",
     "sleeping_bed",
     "half_space",
     "cold_solve",

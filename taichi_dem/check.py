@@ -112,7 +112,7 @@ def what_there_is(scene: Scene) -> Iterator[tuple[str, str]]:
 
 def effects(sim: Any) -> Iterator[tuple[str, str]]:
     """What has been compiled, why, and its memory; what the scene leaves out."""
-    law, listed = sim.scene.law, sim.effects.listed
+    law, listed = sim.effects.law, sim.effects.listed
     on = []
     for slot, part in law.parts().items():
         special = [" on ".join(names) for names, laws in law.pairs.items() if slot in laws]

@@ -15,6 +15,7 @@ from typing import Any
 
 from taichi_dem.contacts.cdt_jkr import CDTJKR
 from taichi_dem.contacts.hertz import Hertz
+from taichi_dem.effects import effects_of
 from taichi_dem.guards import SimulationStopped
 from taichi_dem.scene import Scene
 from taichi_dem.shapes import Boundary, Piston, Plane
@@ -134,15 +135,11 @@ class _Course:
 def variants(scene: Scene, books: bool) -> Iterator[tuple[str, Scene, bool]]:
     """Each effect that can be left out, the scene without it, and whether that keeps books of what
     is lost."""
+    scene = dataclasses.replace(scene, law=effects_of(scene).law)
     law, ground = scene.law, scene.substrate
 
-    def without(*slots: str) -> Scene:
-        pairs = {
-            names: {slot: other for slot, other in laws.items() if slot not in slots}
-            for names, laws in law.pairs.items()
-        }
-        changed: dict[str, Any] = dict.fromkeys(slots)
-        return dataclasses.replace(scene, law=dataclasses.replace(law, **changed, pairs=pairs))
+    def without(slot: str) -> Scene:
+        return dataclasses.replace(scene, law=law.without(slot))
 
     if law.tangential is not None:
         yield "friction", without("tangential"), books

@@ -21,6 +21,7 @@ class Effect:
 class Effects:
     """The effects of a scene.
 
+    law                 the scene's, without what makes neither force nor torque
     friction, rolling   tangential forces, rolling torques
     history             what contacts remember: names and types
     reach               how far past zero overlap a contact can be held, m, at most
@@ -31,6 +32,7 @@ class Effects:
     asks_for            parts of a ``Contact`` that only some laws want
     """
 
+    law: Law
     friction: bool
     rolling: bool
     history: dict[str, Any]
@@ -55,7 +57,8 @@ class Effects:
 
 def effects_of(scene: Scene, energy_balance: bool = True) -> Effects:
     """The effects of ``scene``; ``energy_balance`` False leaves out what is lost."""
-    law = scene.law
+    idle = scene.law.idle([material.name for material in scene.materials])
+    law = scene.law.without(*idle)
     normals = list(_normal_laws(scene))
     losing = [
         *(["friction"] if law.tangential is not None else []),
@@ -66,6 +69,7 @@ def effects_of(scene: Scene, energy_balance: bool = True) -> Effects:
     ]
     history = {name: kind for part in law.parts().values() for name, kind in part.history}
     found: dict[str, Any] = {
+        "law": law,
         "friction": law.tangential is not None,
         "rolling": law.rolling is not None,
         "history": history,
@@ -79,7 +83,7 @@ def effects_of(scene: Scene, energy_balance: bool = True) -> Effects:
             name for part in law.parts().values() for name in getattr(part, "asks_for", ())
         ),
     }
-    return Effects(**found, listed=tuple(_listed(scene, found, losing, energy_balance)))
+    return Effects(**found, listed=tuple(_listed(scene, found, losing, idle, energy_balance)))
 
 
 def _normal_laws(scene: Scene) -> Iterator[tuple[Any, Any, Any]]:
@@ -102,9 +106,13 @@ def _reach(scene: Scene) -> float:
 
 
 def _listed(
-    scene: Scene, found: dict[str, Any], losing: list[str], energy_balance: bool
+    scene: Scene,
+    found: dict[str, Any],
+    losing: list[str],
+    idle: dict[str, str],
+    energy_balance: bool,
 ) -> Iterator[Effect]:
-    law: Law = scene.law
+    law: Law = found["law"]
     turning = [
         *(["friction"] if found["friction"] else []),
         *(["rolling resistance"] if found["rolling"] else []),
@@ -112,12 +120,14 @@ def _listed(
     yield Effect(
         "friction",
         found["friction"],
-        "contacts resist sliding" if found["friction"] else "no tangential law",
+        "contacts resist sliding"
+        if found["friction"]
+        else idle.get("tangential", "no tangential law"),
     )
     yield Effect(
         "rolling",
         found["rolling"],
-        "contacts resist rolling" if found["rolling"] else "no rolling law",
+        "contacts resist rolling" if found["rolling"] else idle.get("rolling", "no rolling law"),
     )
     makes = "makes" if len(turning) == 1 else "make"
     yield Effect(

@@ -69,7 +69,7 @@ class Engine:
             scene.substrate,
             scene.period,
             self.particles,
-            scene.law,
+            effects.law,
             effects,
             coefficients["normal"],
             materials,

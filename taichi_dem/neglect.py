@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from taichi_dem.contacts.law import Law
 from taichi_dem.contacts.multicontact import MultiContact
 from taichi_dem.guards import SimulationStopped
 from taichi_dem.moments import Moment
@@ -147,16 +146,11 @@ def _bare(scene: Scene) -> Scene:
     """The scene without what depends on the past, its contacts on the ground solved together at
     every step if they feel each other at all; nobody sleeps, and ground that creeps is as stiff as
     it is at once."""
-    law = scene.law
-    pairs = {
-        names: {slot: part for slot, part in laws.items() if slot in ("normal", "surface")}
-        for names, laws in law.pairs.items()
-    }
     ground = scene.substrate
     if ground is not None:
         together = "implicit" if ground.exchange == "lagged" else ground.exchange
         ground = dataclasses.replace(ground, exchange=together, exchange_every=1, relaxation=None)
-    bare = Law(law.normal, surface=law.surface, pairs=pairs)
+    bare = scene.law.without("tangential", "rolling")
     return dataclasses.replace(scene, law=bare, substrate=ground, sleep=False)
 
 

@@ -72,7 +72,7 @@ class OnList:
         )
         self.expansions = _expansions(standing, self.contacts, pairs)
         self.forces = Forces(
-            standing.scene.law,
+            effects.law,
             effects,
             standing.coefficients,
             particles,
@@ -97,7 +97,7 @@ class OnList:
 
 def _expansions(standing: Standing, contacts: ContactList, pairs: int) -> Expansions | None:
     """What a surface law computes with."""
-    law, tables = standing.scene.law, standing.coefficients
+    law, tables = standing.effects.law, standing.coefficients
     if law.surface is None:
         return None
     geometry = Geometry(standing.particles, standing.boundaries, standing.soil)

@@ -76,9 +76,8 @@ class Simulation:
         bulge = largest if scene.law.surface else 0.0  # more than bodies bulge before they give up
         if problem := narrow_problem(scene.period, largest, effects.reach + bulge):
             raise InputError([problem])
-        coefficients = {
-            slot: Coefficients(scene.law, slot, scene.materials) for slot in scene.law.parts()
-        }
+        law, materials = effects.law, scene.materials
+        coefficients = {slot: Coefficients(law, slot, materials) for slot in law.parts()}
         self._coefficients = coefficients
         self._stepping = self._writing = 0.0  # s of wall time
         self._surface = ground_of(scene.substrate, scene.period) if scene.substrate else None

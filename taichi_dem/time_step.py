@@ -198,10 +198,10 @@ def _of_contact(
     dashpot = normal.dashpot(k["normal"], radius, mass, overlap)
     if dashpot > 0:
         yield meeting.decay("normal", dashpot / mass)
-    if law.tangential is not None and (tangential := k["tangential"]["damping"] * dashpot) > 0:
+    if "tangential" in k and (tangential := k["tangential"]["damping"] * dashpot) > 0:
         turning = sum((3.5 if body.curvature else 1.0) * body.inverse_mass for body in (a, b))
         yield meeting.decay("tangential", tangential * turning)
-    if law.rolling is not None and law.rolling.history:
+    if "rolling" in k and law.rolling.history:
         spring = law.rolling.stiffness(k["rolling"], radius, stiffness) * radius
         if spring > 0:
             yield meeting.half_period("rolling of ", meeting.inertia, spring)

@@ -47,6 +47,10 @@ def settled(bed):
             ("effect_costs", "-n", str(FEW), "--scenes", "powder", *QUICK), marks=pytest.mark.slow
         ),
         pytest.param(
+            ("absent_effects", "-n", str(FEW), "--effects", "rolling", "--copies", "1", *QUICK),
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
             ("sleeping_bed", "-n", str(FEW), "--rounds", "2", "--steps", "50"),
             marks=pytest.mark.slow,
         ),

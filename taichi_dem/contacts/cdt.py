@@ -44,6 +44,11 @@ class CDT:
         validate(self, *option_problems(self))
 
     @property
+    def idle(self) -> str:
+        """Why it makes no torque, if so: M_max limits spring, dashpot and torsion alike."""
+        return "" if self.rolling_friction else "rolling friction coefficient is 0"
+
+    @property
     def history(self) -> tuple[tuple[str, Any], ...]:
         """The spring's displacement (m) and stiffness (N), if there is one."""
         parts = rolling_history(self)

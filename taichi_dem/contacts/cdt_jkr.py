@@ -51,6 +51,13 @@ class CDTJKR:
         validate(self, *option_problems(self))
 
     @property
+    def idle(self) -> str:
+        """Why it makes no torque, if so: M_max limits spring, dashpot and torsion alike."""
+        if self.adhesion_hysteresis == 0:
+            return "adhesion hysteresis is 0"
+        return "work of adhesion is 0" if self.work_of_adhesion == 0 else ""
+
+    @property
     def history(self) -> tuple[tuple[str, Any], ...]:
         """The spring's displacement (m), if there is one."""
         return rolling_history(self)

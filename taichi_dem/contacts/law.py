@@ -1,6 +1,6 @@
 """Composition of laws: one normal law, and the effects that the scene calls for beside it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -63,6 +63,28 @@ class Law:
             normal = self.between("normal", first, second)
             return replace(law, work_of_adhesion=normal.work_of_adhesion)
         return law
+
+    def without(self, *slots: str) -> "Law":
+        """The same law with nothing in these ``slots``."""
+        pairs = {
+            names: {slot: law for slot, law in laws.items() if slot not in slots}
+            for names, laws in self.pairs.items()
+        }
+        changed: dict[str, Any] = dict.fromkeys(slots)
+        return replace(self, **changed, pairs=pairs)
+
+    def idle(self, materials: Sequence[str]) -> dict[str, str]:
+        """Slots whose law makes neither force nor torque between any two of these ``materials``
+        (names), and why."""
+        found = {}
+        for slot, general in self.parts().items():
+            if not hasattr(general, "idle"):
+                continue
+            laws = [self.between(slot, a, b) for a in materials for b in materials]
+            reasons = dict.fromkeys(law.idle for law in laws)
+            if all(reasons):
+                found[slot] = f"{' or '.join(reasons)} for every pair of materials"
+        return found
 
     def _slot_problems(self, slot: str) -> Iterable[Problem]:
         law, allowed = getattr(self, slot), LAWS[slot]

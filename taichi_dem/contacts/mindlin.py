@@ -31,6 +31,11 @@ class Mindlin:
     def __post_init__(self) -> None:
         validate(self)
 
+    @property
+    def idle(self) -> str:
+        """Why it makes no force, if so: the dashpot too is held to the Coulomb limit."""
+        return "" if self.friction else "friction coefficient is 0"
+
     def coefficients(self, a: Material, b: Material) -> dict[str, float]:
         """k_t/k_n = 4 G*/E* (Mindlin 1949), friction, and c_t/c_n."""
         return {

@@ -1,7 +1,7 @@
 """Instructions of the compiled kernels of a scene, and the code as if an effect did not exist.
 
 ``python kernel_counts.py SCENE FOLDER``, in an environment of :func:`counts`, compiles a scene and
-runs a few steps; the compiler leaves every kernel in FOLDER.
+runs a few steps with each driver; the compiler leaves every kernel in FOLDER.
 """
 
 import ast
@@ -33,7 +33,8 @@ FLAGS = {  # what the parts of the code that belong to an effect are compiled by
     "moving boundaries": {"moves", "any_moves"},
 }
 OF_POINTS = ("adhesion", "finite contact size", "lagged exchange", "layer", "period")
-SERIAL = {"HALFSPACE_THREADS": "1", "HALFSPACE_BACKEND": "taichi"}
+DRIVERS = ("serial", "team", "parallel")
+TWO_THREADS = {"HALFSPACE_THREADS": "2", "HALFSPACE_BACKEND": "taichi"}
 DUMPING = {"TI_PRINT_KERNEL_LLVM_IR_OPTIMIZED": "1", "TI_OFFLINE_CACHE": "0"}
 
 
@@ -86,23 +87,26 @@ def package_without(folder, effects):
 
 
 def counts(scene, folder, package=ROOT):
-    """The instructions of each kernel, in the order of compilation."""
+    """Name and instructions of each kernel, in the order of compilation."""
     folder.mkdir()
     paths = os.pathsep.join(map(str, (package, ROOT)))
     subprocess.run(
         [sys.executable, __file__, scene, folder],
-        env={**os.environ, **SERIAL, **DUMPING, "PYTHONPATH": paths},
+        env={**os.environ, **TWO_THREADS, **DUMPING, "PYTHONPATH": paths},
         check=True,
         capture_output=True,
         text=True,
     )
-    return [_instructions(path.read_text()) for path in sorted(folder.glob("*.ll"))]
+    return [_counted(path.read_text()) for path in sorted(folder.glob("*.ll"))]
 
 
-def _instructions(text):
-    """Lines within functions that are neither labels nor continued from the one before."""
+def _counted(text):
+    """The name of a kernel, if it does anything, and the lines within its functions that are
+    neither labels nor continued from the one before."""
     bodies = re.findall(r"^define .*?^}", text, re.DOTALL | re.MULTILINE)
-    return sum(len(re.findall(r"^  [^\s;\]]", body, re.MULTILINE)) for body in bodies)
+    instructions = sum(len(re.findall(r"^  [^\s;\]]", body, re.MULTILINE)) for body in bodies)
+    name = re.search(r"@([a-z_]+)_c?\d", bodies[0])[1] if bodies else ""
+    return name, instructions
 
 
 def scenes():
@@ -197,7 +201,9 @@ def main():
     scene = scenes()[name]
     os.chdir(folder)  # where the compiler leaves the kernels
     sim = dem.Simulation(scene, driver="serial")
-    sim.run(steps=3)
+    for driver in DRIVERS:
+        sim._engine.pace.driver = driver  # without a look at whether its threads have cores
+        sim.run(steps=3)
     assert math.isfinite(sim.energy()["kinetic"])
 
 

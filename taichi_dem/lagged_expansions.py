@@ -1,14 +1,14 @@
 """Expansions by the forces of the step before.
 
 What two contacts do to each other shares its square root and its quotient, which take half of the
-time: each pair is looked at once, four side by side.
+time: each pair is looked at once, eight side by side.
 """
 
 from taichi_dem.blocks import block_field
 from taichi_dem.expansions import Expansions
 from taichi_dem.types import real, ti, vec2, vec3
 
-SHIFT = 2
+SHIFT = 3
 LANES = 1 << SHIFT  # places of a block, side by side in the processor's vectors
 POINT = 1e-9  # radius of a contact that has none, over its distance from the centre
 lanes = ti.types.vector(LANES, real)

@@ -1,6 +1,6 @@
 """Hard cases, by kind; ``CASES`` are all of them."""
 
-from tests.hard import beds, ground, impacts, laws, sleepers, sliding, sparse, steps
+from tests.hard import beds, edges, ground, impacts, laws, sleepers, sliding, sparse, steps
 from tests.hard.kit import CASES, Case, Figure, Setting
 
 __all__ = [
@@ -9,6 +9,7 @@ __all__ = [
     "Figure",
     "Setting",
     "beds",
+    "edges",
     "ground",
     "impacts",
     "laws",

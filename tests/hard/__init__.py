@@ -1,6 +1,18 @@
 """Hard cases, by kind; ``CASES`` are all of them."""
 
-from tests.hard import beds, edges, ground, impacts, laws, sleepers, sliding, sparse, steps
+from tests.hard import (
+    beds,
+    edges,
+    ground,
+    impacts,
+    laws,
+    sleepers,
+    sliding,
+    sparse,
+    squeezed,
+    steps,
+    surface,
+)
 from tests.hard.kit import CASES, Case, Figure, Setting
 
 __all__ = [
@@ -16,5 +28,7 @@ __all__ = [
     "sleepers",
     "sliding",
     "sparse",
+    "squeezed",
     "steps",
+    "surface",
 ]

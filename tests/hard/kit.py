@@ -15,6 +15,10 @@ from taichi_dem.settings import exchange_keys
 from tests.taichi_dem.setups import EPS
 
 DRIVERS = ("serial", "parallel")
+# All drivers make the same bits. A team's members meet several times a step and wait busily, which
+# is slow where others use the cores: it runs only the cases in which they share more than spheres
+# and contacts, the passes of a substrate's solve and of the expansions.
+TEAM = "team"
 VERLET_LIMIT = 2.0  # omega dt at which velocity Verlet ceases to be stable
 
 

@@ -114,10 +114,12 @@ def _ours(
     missed = [figure for figure in figures if not figure.holds]
     worst = max(missed or figures, key=lambda each: each.value / each.bound if each.bound else 0.0)
     text = f"{worst.what}: {worst.value:.3g} of {worst.bound:.3g}"
-    if witness.trials and witness.trials[-1].stopped:
+    if witness.trials:
         trial = witness.trials[-1]
-        verb = "refused" if trial.refused else "stopped"
-        text = f"{verb}: {_last_words(trial.stopped)}"
+        if trial.stopped:
+            text = f"{'refused' if trial.refused else 'stopped'}: {_last_words(trial.stopped)}"
+        if trial.sim.warnings:
+            text = f"{text}; warned of {', '.join(trial.sim.warnings)}"
     yield "ours", text, not missed
 
 

@@ -185,7 +185,11 @@ def crowded(setting):
     yield finite(sim)
 
 
-@hard("spheres so deep in the ground that their contacts cover each other", exchanges=ALL)
+@hard(
+    "spheres so deep in the ground that their contacts cover each other",
+    exchanges=ALL,
+    seldom=True,
+)
 def covering(setting):
     """Wider than the distance between them: coincident, for what the surface can tell."""
     triangle = 1.56 / np.sqrt(3) * np.array([(np.cos(t), np.sin(t)) for t in (0.0, 2.1, 4.2)])

@@ -152,7 +152,7 @@ def hanging(setting):
     yield Figure("pull over weight, error", abs(pull / -weight - 1), 1e-6)
 
 
-@hard("a sticky sphere is drawn off slowly across list rebuilds")
+@hard("a sticky sphere is drawn off slowly across list rebuilds", seldom=True)
 def drawn_off(setting):
     """Between two walls that part, along the whole branch past zero overlap: the largest pull is
     3/2 pi W R, and what it falls short by is the square of the step between two looks.

@@ -34,7 +34,12 @@ DRIVEN = (*DRIVERS, TEAM)  # whose members share the passes of the expansions
 CORNERS = np.stack(np.meshgrid(*3 * [[-1, 1]]), axis=-1).reshape(-1, 3)
 
 
-@hard("a cube of eight soft spheres pressed together and let go, {}", *EXCHANGES, drivers=DRIVEN)
+@hard(
+    "a cube of eight soft spheres pressed together and let go, {}",
+    *EXCHANGES,
+    drivers=DRIVEN,
+    seldom=True,
+)
 def let_go(setting, exchange):
     """They part with the energy that they held, and all as fast as each other; lagged, with what
     their late surfaces have put in, and one of two ever before the other."""
@@ -70,7 +75,8 @@ def without_expansion(sim):
     seldom=True,
 )
 def struck(setting, what):
-    """It comes back to rest, no sphere out of its place, each contact pressed as its like."""
+    """It comes back to rest; without the order in which lagged surfaces rise, each contact is
+    pressed as its like."""
     share, exchange = what
     velocity = 0.02 * np.random.default_rng(4).normal(size=(8, 3))
     packing, _ = cubic_packing(share, 0.3, velocity, exchange=exchange)
@@ -80,14 +86,17 @@ def struck(setting, what):
     sim.run(steps=3000)
     yield finite(sim)
     yield Figure("kinetic energy left", kinetic(sim) / before, 1e-9)
-    if exchange == "implicit":
-        yield energy(sim, before + held, wobble(sim))
     found = sim.contacts()
-    walls = found["j"] < 0
     yield Figure("contacts lost", float(36 - len(found)), 0)
+    left = np.abs(sim.particles.force).max() / found["normal_force"].max()
+    yield Figure("force left", float(left), 1e-6)  # the residual of the solve
+    if exchange == "lagged":
+        return
+    yield energy(sim, before + held, wobble(sim))
+    walls = found["j"] < 0
     for name, group in (("walls", walls), ("spheres", ~walls)):
         force = found["normal_force"][group]
-        yield Figure(f"difference of forces, {name}", float(np.ptp(force) / force.mean()), 1e-4)
+        yield Figure(f"difference of forces, {name}", float(np.ptp(force) / force.mean()), 1e-6)
 
 
 @hard("a packing of soft spheres at {} of its limit", 1.05, seldom=True)

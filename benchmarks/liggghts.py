@@ -1,10 +1,11 @@
 """A scene in the input language of LIGGGHTS 3.8, a timed run of its binary, and what it wrote.
 
-What LIGGGHTS cannot do alike is refused with ``ValueError``: other laws than Hertz with or without
-Mindlin and multi-contact (which it computes as our lagged one), slanted walls, conveyors, plates
-under load, a substrate that gives.  Fixed walls become primitive planes; walls that move become
-meshes, whose total forces are written.  The tangential dashpot is sqrt(k_t/k_n) of the normal one,
-whatever Mindlin's ``damping``, unless that is zero.
+What LIGGGHTS cannot do alike is refused with ``ValueError``: other laws than Hertz or EEPA with or
+without Mindlin, CDT that stops and multi-contact (which it computes as our lagged one), slanted
+walls, plates under load, a substrate that gives.  Fixed walls and conveyors become primitive
+planes; walls that move become meshes, whose total forces are written.  The tangential dashpot is
+sqrt(k_t/k_n) of the normal one, whatever Mindlin's ``damping``, unless that is zero; EEPA's is the
+constant one.
 """
 
 import itertools
@@ -65,8 +66,6 @@ def write(
     read by :func:`forces`.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    if scene.substrate is not None and scene.substrate.exchange != "none":
-        raise ValueError("substrate: LIGGGHTS has none that gives; exchange must be 'none'")
     low, high = _domain(scene)
     write_data(folder / DATA, scene)
     lines = [
@@ -88,6 +87,8 @@ def write(
 
 def write_data(path: Path, scene: dem.Scene) -> None:
     """Write the spheres: box, id type diameter density x y z, and their velocities."""
+    if scene.period is not None or scene.sleep:
+        raise ValueError("period, sleep: have no counterpart here")
     spheres = scene.spheres
     low, high = _domain(scene)
     kinds = [scene.materials.index(material) + 1 for material in spheres.materials]
@@ -122,6 +123,16 @@ def write_mesh(
             file.writelines(f"vertex {_row(corners[k])}\n" for k in triangle)
             file.write("endloop\nendfacet\n")
         file.write("endsolid boundary\n")
+
+
+def walls(scene: dem.Scene) -> list[dem.Box | dem.Piston | dem.Plane]:
+    """The boundaries, and the ground if it is a mere plane; ValueError if it gives."""
+    ground = scene.substrate
+    if ground is None:
+        return list(scene.boundaries)
+    if ground.exchange != "none":
+        raise ValueError("substrate: there is none that gives; exchange must be 'none'")
+    return [*scene.boundaries, *(dem.Plane(*face, ground.material) for face in ground.faces())]
 
 
 def run(script: Path) -> Timing:
@@ -163,33 +174,49 @@ def _settings(scene: dem.Scene, skin: float) -> list[str]:
 
 def _model(scene: dem.Scene) -> str:
     law = scene.law
-    if not isinstance(law.normal, dem.Hertz) or law.rolling is not None:
-        raise ValueError(f"law: must be Hertz with or without Mindlin; is {law}")
-    spread = "" if law.surface is None else " surface multicontact"
-    if law.tangential is None:
-        return f"model hertz tangential off{spread}"
-    damped = "" if law.tangential.damping else " tangential_damping off"
-    return f"model hertz tangential history{damped}{spread}"
+    normal = {dem.Hertz: "hertz", dem.EEPA: "edinburgh"}.get(type(law.normal))
+    if normal is None:
+        raise ValueError(f"law: must be Hertz or EEPA with or without Mindlin; is {law}")
+    words = ["model", normal, "tangential", "off" if law.tangential is None else "history"]
+    if law.tangential is not None and not law.tangential.damping:
+        words += ["tangential_damping", "off"]
+    if law.rolling is not None:
+        if law.rolling != dem.CDT(getattr(law.rolling, "rolling_friction", 0.0)):
+            raise ValueError(f"law: rolling must be CDT that stops; is {law.rolling}")
+        words += ["rolling_friction", "cdt"]
+    if law.surface is not None:
+        words += ["surface", "multicontact"]
+    return " ".join(words)
 
 
 def _laws(scene: dem.Scene) -> list[str]:
-    def each(name: str, kind: str, values: list[float]) -> str:
-        return f"fix {name} all property/global {name} {kind} {_row(values)}"
-
     kinds, law = scene.materials, scene.law
-    pairs = [(a.name, b.name) for a in kinds for b in kinds]
-    square = f"peratomtypepair {len(kinds)}"
-    model = _model(scene)
-    restitution = [law.between("normal", *pair).restitution for pair in pairs]
-    lines = [
-        each("youngsModulus", "peratomtype", [kind.youngs_modulus for kind in kinds]),
-        each("poissonsRatio", "peratomtype", [kind.poissons_ratio for kind in kinds]),
-        each("coefficientRestitution", square, restitution),
-    ]
+
+    def kind(name: str, of: str) -> str:
+        values = [getattr(each, of) for each in kinds]
+        return f"fix {name} all property/global {name} peratomtype {_row(values)}"
+
+    def pair(name: str, slot: str, of: str) -> str:
+        values = [getattr(law.between(slot, a.name, b.name), of) for a in kinds for b in kinds]
+        return f"fix {name} all property/global {name} peratomtypepair {len(kinds)} {_row(values)}"
+
+    lines = [kind("youngsModulus", "youngs_modulus"), kind("poissonsRatio", "poissons_ratio")]
+    lines += [pair("coefficientRestitution", "normal", "restitution")]
+    if isinstance(law.normal, dem.EEPA):
+        one = f"peratomtypepair {len(kinds)} {_row([1.0] * len(kinds) ** 2)}"
+        lines += [
+            pair("UnloadingStiffness", "normal", "stiffness_ratio"),
+            pair("surfaceEnergy", "normal", "surface_energy"),
+            pair("pullOffForce", "normal", "pull_off_force"),
+            f"fix adhesion all property/global coefficientAdhesionStiffness {one}",
+            f"fix c all property/global adhesionExponent scalar {law.normal.adhesion_exponent!r}",
+            f"fix n all property/global overlapExponent scalar {law.normal.overlap_exponent!r}",
+        ]
     if law.tangential is not None:
-        friction = [law.between("tangential", *pair).friction for pair in pairs]
-        lines.append(each("coefficientFriction", square, friction))
-    return [*lines, f"pair_style gran {model}", "pair_coeff * *"]
+        lines.append(pair("coefficientFriction", "tangential", "friction"))
+    if law.rolling is not None:
+        lines.append(pair("coefficientRollingFriction", "rolling", "rolling_friction"))
+    return [*lines, f"pair_style gran {_model(scene)}", "pair_coeff * *"]
 
 
 def _surface(scene: dem.Scene) -> list[str]:
@@ -209,15 +236,13 @@ def _gravity(scene: dem.Scene) -> list[str]:
 
 
 def _fixed_walls(scene: dem.Scene) -> list[str]:
-    walls = [w for w in scene.boundaries if not _moves(w)]
-    walls += [scene.substrate] if scene.substrate else []
     model = _model(scene)
     lines: list[str] = []
-    for wall in walls:
+    for wall in (wall for wall in walls(scene) if not _moves(wall)):
         kind = scene.materials.index(wall.material) + 1
         for point, normal in wall.faces():
             axis = _across(normal, wall)
-            where = f"{'xyz'[axis]}plane {_exact(point[axis])}"
+            where = f"{'xyz'[axis]}plane {_exact(point[axis])}{belt(wall)}"
             name = f"wall{len(lines)}"
             lines.append(f"fix {name} all wall/gran {model} primitive type {kind} {where}")
     return lines
@@ -272,6 +297,16 @@ def _velocity(wall: dem.Piston | dem.Plane, time: float) -> np.ndarray:
     return speed * wall.faces()[0][1]
 
 
+def belt(wall: dem.Box | dem.Piston | dem.Plane | dem.Substrate) -> str:
+    """How a conveyor's speed follows its plane, in LIGGGHTS and in LAMMPS; "" if it is none."""
+    if not isinstance(wall, dem.Plane) or not np.cross(wall.velocity, wall.normal).any():
+        return ""
+    if np.count_nonzero(wall.velocity) != 1 or np.dot(wall.velocity, wall.normal):
+        raise ValueError(f"boundaries: a conveyor must go along an axis and itself: {wall}")
+    axis = int(np.argmax(np.abs(wall.velocity)))
+    return f" shear {'xyz'[axis]} {_exact(wall.velocity[axis])}"
+
+
 def _moving(scene: dem.Scene) -> list[tuple[int, dem.Piston | dem.Plane]]:
     return [(k, wall) for k, wall in enumerate(scene.boundaries) if _moves(wall)]
 
@@ -279,9 +314,7 @@ def _moving(scene: dem.Scene) -> list[tuple[int, dem.Piston | dem.Plane]]:
 def _moves(wall: dem.Box | dem.Piston | dem.Plane) -> bool:
     if isinstance(wall, dem.Piston) and wall.load is not None:
         raise ValueError("boundaries: a piston under load has no counterpart")
-    if isinstance(wall, dem.Plane) and np.cross(wall.velocity, wall.normal).any():
-        raise ValueError("boundaries: a conveyor has no counterpart here")
-    return isinstance(wall, dem.Piston) or (isinstance(wall, dem.Plane) and any(wall.velocity))
+    return wall.moves and not belt(wall)
 
 
 def _axis(wall: dem.Piston | dem.Plane) -> int:
@@ -296,13 +329,14 @@ def _across(normal: np.ndarray, wall: object) -> int:
 
 
 def _domain(scene: dem.Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of a box around spheres and walls, with room for what moves out a little."""
+    """Corners of a box around spheres and walls across the axes, with room for what moves out a
+    little."""
     spheres = scene.spheres
     points = [spheres.position.min(axis=0), spheres.position.max(axis=0)]
     for wall in scene.boundaries:
         for point, normal in wall.faces():
-            axis = _across(normal, wall)
-            points.append(np.where(np.arange(3) == axis, point, points[0]))
+            if np.count_nonzero(normal) == 1:
+                points.append(np.where(normal != 0, point, points[0]))
     margin = 4 * spheres.radius.max()
     return np.min(points, axis=0) - margin, np.max(points, axis=0) + margin
 

@@ -11,10 +11,8 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 import taichi_dem as dem
-from benchmarks import liggghts
+from benchmarks import lammps, liggghts
 
 BINARIES = {"liggghts": "liggghts", "lammps": "lmp"}
 LAUNCHER = ("mpirun", "--allow-run-as-root", "--oversubscribe")
@@ -27,29 +25,6 @@ compute turning all erotate/sphere
 thermo_style custom step atoms ke c_total c_turning
 thermo_modify norm no lost error
 """
-
-LAMMPS = """\
-units si
-atom_style sphere
-comm_modify vel yes
-boundary f f f
-newton off
-read_data {data}
-neighbor {skin!r} bin
-neigh_modify delay 0 every 1 check yes
-timestep {dt!r}
-pair_style granular
-pair_coeff * * {model}
-fix gravity all gravity {gravity!r} vector 0 0 -1
-{walls}
-fix motion all nve/sphere
-thermo {warm_up}
-run {warm_up}
-"""
-MODEL = (
-    "hertz/material {young!r} {restitution!r} {poisson!r} damping tsuji "
-    "tangential mindlin NULL 1.0 {friction!r}"
-)
 
 
 @dataclass(frozen=True)
@@ -77,7 +52,7 @@ def run(
             liggghts.write(folder, scene, dt=dt, steps=warm_up, skin=skin)
         else:
             liggghts.write_data(folder / liggghts.DATA, scene)
-            script.write_text(lammps_script(scene, dt, warm_up, skin))
+            script.write_text(lammps.script(scene, dt, warm_up, skin))
         with script.open("a") as file:
             file.write(f"{WATCHED}thermo {steps}\nrun {steps}\n")
         command = [*LAUNCHER, "-np", str(ranks), BINARIES[code], "-in", script.name]
@@ -96,33 +71,3 @@ def read_log(text: str) -> Timing:
     table = text[: text.rindex("Loop time of")].strip().splitlines()
     _, _, moving, contacts, turning = map(float, table[-1].split())
     return Timing(seconds, contacts / 2, moving + turning)
-
-
-def lammps_script(scene: dem.Scene, dt: float, warm_up: int, skin: float) -> str:
-    """The script of spheres of one material between fixed walls across the axes; ValueError if they
-    are not so."""
-    if len(scene.materials) > 1 or scene.gravity[0] or scene.gravity[1]:
-        raise ValueError("spheres and walls must be of one material, and gravity along -z")
-    (material,) = scene.materials
-    model = MODEL.format(
-        young=material.youngs_modulus,
-        poisson=material.poissons_ratio,
-        restitution=scene.law.normal.restitution,
-        friction=scene.law.tangential.friction,
-    )
-    faces = [face for wall in scene.boundaries for face in wall.faces()]
-    walls = []
-    for k, (point, normal) in enumerate(faces):
-        axis = int(np.argmax(np.abs(normal)))
-        ends = [repr(float(point[axis])), "NULL"]
-        low, high = ends if normal[axis] > 0 else reversed(ends)
-        walls.append(f"fix wall{k} all wall/gran granular {model} {'xyz'[axis]}plane {low} {high}")
-    return LAMMPS.format(
-        data=liggghts.DATA,
-        skin=skin,
-        dt=dt,
-        model=model,
-        gravity=float(-scene.gravity[2]),
-        walls="\n".join(walls),
-        warm_up=warm_up,
-    )

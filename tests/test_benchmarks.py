@@ -1,10 +1,11 @@
 """The benchmarks on a few spheres: they run, and what they compare is the same physics."""
 
+import dataclasses
 import json
 import math
-import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +14,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import taichi_dem as dem
 from benchmarks import bed as beds
-from benchmarks import effect_costs, hard_cases, peers, report, run, survival
+from benchmarks import effect_costs, hard_cases, lammps, peers, report, run, survival
+from taichi_dem.contacts import elasticity
 from taichi_dem.cost import Cost
+from tests.hard import edges, invariants
 from tests.hard.kit import Case, Setting
 from tests.hard.kit import Figure as Held
 
@@ -106,36 +109,76 @@ def test_hard_scenes_survive_here(capsys):
     assert "ours" in capsys.readouterr().out
 
 
-def survivors(monkeypatch, code, raised):
-    """What ``survival`` says of a case in which that code raises."""
-
-    def fails(*_):
-        raise raised
-
-    monkeypatch.setattr(survival, "_ours" if code == "ours" else "_theirs", fails)
-    ((_, outcome, sound),) = survival.judge(survival.CASES[0], [code])
-    return outcome, sound
+TRIAL = SimpleNamespace(sim=SimpleNamespace(scene=edges.pair()), dt=1e-6, steps=10, held=0.0)
 
 
 @pytest.mark.parametrize(
-    ("code", "raised", "sound"),
+    ("raised", "sound"),
     [
-        ("ours", dem.InputError(()), True),
-        ("ours", dem.SimulationStopped("too deep", None, {}), True),
-        ("ours", ValueError("shapes do not match"), False),
-        ("ours", RuntimeError("kernel failed"), False),
-        ("lammps", survival.UnsayableError("no counterpart"), True),
-        ("lammps", survival.PeerStoppedError("ERROR: lost atoms"), True),
-        ("lammps", survival.PeerCrashedError("exit status -11"), False),
-        ("liggghts", subprocess.TimeoutExpired("liggghts", 300), False),
-        ("liggghts", ValueError("not a number in the dump"), False),
+        (survival.PeerStoppedError("ERROR: lost atoms"), True),
+        (survival.PeerCrashedError("exit status -11"), False),
+        (ValueError("not a number in the dump"), False),
     ],
     ids=lambda value: getattr(type(value), "__name__", None),
 )
-def test_only_a_reason_is_no_failure(monkeypatch, code, raised, sound):
-    outcome, found = survivors(monkeypatch, code, raised)
+def test_only_a_reason_is_no_failure(monkeypatch, raised, sound):
+    def fails(*_):
+        raise raised
+
+    monkeypatch.setattr(survival, "_theirs", fails)
+    outcome, found = survival._judge_other("lammps", TRIAL)
     assert found is sound
     assert str(raised) in outcome
+
+
+def test_what_no_other_can_be_told_is_not_computed():
+    def breaks(setting):
+        setting.simulation(dataclasses.replace(edges.pair(), sleep=True))
+        raise AssertionError("it is")
+
+    case = Case("trial", "sleeps", breaks, (Setting("serial"),))
+    rows = list(survival.judge(case, ["ours", "liggghts", "lammps"]))
+    assert [(code, sound) for code, _, sound in rows] == [("liggghts", None), ("lammps", None)]
+    assert all("cannot say it" in outcome for _, outcome, _ in rows)
+
+
+def test_a_case_that_misses_its_bound_or_raises_is_a_failure_here():
+    missed = Case("trial", "missed", lambda _: [Held("energy", 2.0, 1.0)], (Setting("serial"),))
+    raised = Case("trial", "raised", lambda _: [1 / 0], (Setting("serial"),))
+    rows = [row for case in (missed, raised) for row in survival.judge(case, ["ours"])]
+    assert rows == [
+        ("ours", "energy: 2 of 1", False),
+        ("ours", "breaks, ZeroDivisionError: division by zero", False),
+    ]
+
+
+def end(**changed):
+    """That of two spheres that have met, but for what is ``changed``, in column 0 to 8."""
+    rows = np.zeros((2, 9))
+    rows[:, 0], rows[:, 3] = (-1.0, 1.0), (-0.1, 0.1)
+    for column, value in changed.items():
+        rows[1, int(column[1:])] = value
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("rows", "missed"),
+    [
+        (end(), None),
+        (end(c0=-2.0), "spheres through a wall"),
+        (end(c7=np.nan), "numbers not finite"),
+        (end(c4=1.0), "energy made"),
+        (end()[:1], "spheres gone"),
+    ],
+)
+def test_what_others_must_keep(monkeypatch, rows, missed):
+    wall = dem.Plane((-1.5, 0, 0), (1, 0, 0), edges.GLASS)
+    scene = dataclasses.replace(edges.pair(), boundaries=(wall,))
+    trial = SimpleNamespace(sim=SimpleNamespace(scene=scene), dt=1e-6, steps=10, held=0.0)
+    monkeypatch.setattr(survival, "_theirs", lambda *_: rows)
+    outcome, sound = survival._judge_other("lammps", trial)
+    assert sound is (missed is None)
+    assert (missed or "energy -") in outcome
 
 
 @pytest.mark.parametrize(
@@ -144,6 +187,7 @@ def test_only_a_reason_is_no_failure(monkeypatch, code, raised, sound):
         ("echo 'ERROR: Lost atoms'; exit 1", survival.PeerStoppedError),
         ("exit 1", survival.PeerCrashedError),
         ("echo 'ERROR: late'; kill -SEGV $$", survival.PeerCrashedError),
+        ("kill -XCPU $$", survival.PeerCrashedError),
     ],
 )
 def test_a_peer_that_names_no_reason_has_crashed(monkeypatch, tmp_path, script, kind):
@@ -151,9 +195,28 @@ def test_a_peer_that_names_no_reason_has_crashed(monkeypatch, tmp_path, script, 
     program.write_text(f"#!/bin/sh\n{script}\n")
     program.chmod(0o755)
     monkeypatch.setitem(peers.BINARIES, "lammps", str(program))
-    case = survival.CASES[0]
     with pytest.raises(kind):
-        survival._theirs("lammps", case.make(), 1e-6, case)
+        survival._theirs("lammps", edges.pair(), 1e-6, 10)
+
+
+@pytest.mark.parametrize(
+    ("a", "b"), [((5e7, 0.22), (1e5, 0.5)), ((1e9, -0.9), (1e9, 0.0)), ((1.0, 0.3), (1.0, 0.3))]
+)
+def test_lammps_is_told_of_a_material_that_is_alike(a, b):
+    pair = [dem.Material(name, 1000, *each) for name, each in (("a", a), ("b", b))]
+    one = dem.Material("one", 1000, *lammps.alike(*pair))
+    for modulus in (elasticity.effective_youngs_modulus, elasticity.effective_shear_modulus):
+        assert modulus(one, one) == pytest.approx(modulus(*pair), rel=1e-12)
+
+
+def test_lammps_is_told_how_a_piston_travels():
+    rows, dt = ((0.5, 0.2), (1.5, 0.2), (2.0, -0.1)), 0.125
+    piston = dem.Piston((0, 0, 0), (0, 0, 1), edges.GLASS, program=rows)
+    formula = lammps._travel(piston, dt)
+    for step in range(20):
+        expected = np.interp(step * dt, *np.transpose([(0, 0), *rows]))
+        assert eval(formula, {"step": step}) == pytest.approx(expected, abs=1e-12)
+        assert invariants.travelled(piston, step * dt) == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.peers

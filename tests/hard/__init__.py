@@ -1,6 +1,18 @@
 """Hard cases, by kind; ``CASES`` are all of them."""
 
-from tests.hard import beds, ground, impacts, laws, sleepers, sliding, sparse, steps
+from tests.hard import (
+    beds,
+    edges,
+    ground,
+    impacts,
+    laws,
+    sleepers,
+    sliding,
+    sparse,
+    squeezed,
+    steps,
+    surface,
+)
 from tests.hard.kit import CASES, Case, Figure, Setting
 
 __all__ = [
@@ -9,11 +21,14 @@ __all__ = [
     "Figure",
     "Setting",
     "beds",
+    "edges",
     "ground",
     "impacts",
     "laws",
     "sleepers",
     "sliding",
     "sparse",
+    "squeezed",
     "steps",
+    "surface",
 ]

@@ -4,7 +4,7 @@ import numpy as np
 
 import taichi_dem as dem
 from tests.hard.impacts import GLASS
-from tests.hard.kit import Figure, energy, finite, hard, wobble
+from tests.hard.kit import DRIVERS, TEAM, Figure, energy, finite, hard, wobble
 from tests.hard.late_surfaces import LateSurfaces
 from tests.taichi_dem.setups import law, scene
 
@@ -12,6 +12,7 @@ R = 1e-3
 GEL = dem.Material("gel", density=1050, youngs_modulus=2e5, poissons_ratio=0.49)
 BOTH = ("implicit", "lagged")
 ALL = (*BOTH, "every 2")
+DRIVEN = (*DRIVERS, TEAM)  # whose members share the solve
 
 
 def resting(position, material=GEL, depth=0.02, **rest):
@@ -88,7 +89,7 @@ def outlier(setting):
         yield energy(sim, scale, wobble(sim))
 
 
-@hard("all contacts on the ground lost and made in one step", exchanges=ALL)
+@hard("all contacts on the ground lost and made in one step", exchanges=ALL, drivers=DRIVEN)
 def lost_and_made(setting):
     """Spheres that bounce together: the solve starts from nothing each time."""
     sim = setting.simulation(resting(square(3), depth=-0.02, velocity=(0.0, 0.0, -0.05)))
@@ -105,7 +106,12 @@ def lost_and_made(setting):
     yield Figure("kinetic energy while pressed, gained", pressed / before - 1, wobble(sim))
 
 
-@hard("7x7 undamped spheres on soft ground, {} steps a half period", 50, 400, exchanges=ALL)
+@hard(
+    "7x7 undamped spheres on soft ground, {} steps a half period",
+    *(50, 400),
+    exchanges=ALL,
+    drivers=DRIVEN,
+)
 def seven_by_seven(setting, fineness):
     """Where the lagged exchange gains more energy than there is, the others stay bounded."""
     laid = resting(square(7, 2.02), depth=0.03)
@@ -176,6 +182,23 @@ def crowded(setting):
     parts = sim.energy()
     scale = parts["normal"] + abs(parts["substrate"])
     yield accounted(sim, 500, scale)
+    yield finite(sim)
+
+
+@hard(
+    "spheres so deep in the ground that their contacts cover each other",
+    exchanges=ALL,
+    seldom=True,
+)
+def covering(setting):
+    """Wider than the distance between them: coincident, for what the surface can tell."""
+    triangle = 1.56 / np.sqrt(3) * np.array([(np.cos(t), np.sin(t)) for t in (0.0, 2.1, 4.2)])
+    sim = setting.simulation(resting(triangle, depth=0.95, law=law(0.5)), max_overlap=1.0)
+    parts = sim.energy()
+    scale = parts["normal"] + abs(parts["substrate"])
+    widest = sim.substrate.contact_radius.max() / R
+    yield Figure("distance over the widest contact", 1.56 / (2 * widest), 1)
+    yield accounted(sim, 300, scale)
     yield finite(sim)
 
 

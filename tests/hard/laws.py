@@ -152,6 +152,46 @@ def hanging(setting):
     yield Figure("pull over weight, error", abs(pull / -weight - 1), 1e-6)
 
 
+@hard("a sticky sphere is drawn off slowly across list rebuilds", seldom=True)
+def drawn_off(setting):
+    """Between two walls that part, along the whole branch past zero overlap: the largest pull is
+    3/2 pi W R, and what it falls short by is the square of the step between two looks.
+
+    Of the way to pull-off, p in units of t_m^4 and u = t^3/t_m^3, F is u^2 - 6 u and p = u^(4/3) -
+    4 u^(1/3): near u = 3 the pull falls by 0.61 ((d - d_most)/d_c)^2, d_c = 3 a_m^2/R.
+    """
+    work, speed, look = 0.05, 2e-3, 4
+    modulus = SOFT.youngs_modulus / (2 * (1 - SOFT.poissons_ratio**2))
+    least = (np.pi * work * R**2 / (8 * modulus)) ** (1 / 3)  # a_m
+    reach, most = 3 * least**2 / R, 1.5 * np.pi * work * R
+    overlap = (6 ** (4 / 3) - 4 * 6 ** (1 / 3)) * reach / 3  # where they carry nothing
+    walls = [
+        dem.Plane((0, 0, 0), (0, 0, 1), SOFT),
+        dem.Plane((0, 0, 2 * (R - overlap)), (0, 0, -1), SOFT, velocity=(0, 0, speed)),
+    ]
+    pulled = scene(
+        [[0, 0, R - overlap], [5 * R, 0, R - overlap]],  # the other flies by, and makes lists stale
+        [R, 0.5 * R],
+        SOFT,
+        velocity=[[0, 0, speed / 2], [2.0, 0, 0]],
+        law=dem.Law(dem.JKR(work, 1.0)),
+        boundaries=walls,
+    )
+    sim = setting.simulation(pulled)
+    pulls, rebuilds = [], []
+    while len(sim.contacts()) and sim.steps < 100_000:
+        pulls.append(float(-sim.boundaries[0].force[2]))
+        if sim.contacts()["overlap"].max() < 0:
+            rebuilds.append(sim.summary()["rebuilds"])
+        sim.run(steps=look)
+    step = look * sim.dt * speed / 2
+    yield finite(sim)
+    yield Figure("contacts left", float(len(sim.contacts())), 0)
+    yield Figure("lists made anew while held, too few", float(4 - np.ptp(rebuilds)), 0)
+    yield Figure("pull beyond pull-off", max(np.abs(pulls)) / most - 1, 1e-9)
+    yield Figure("short of pull-off", 1 - max(np.abs(pulls)) / most, (step / reach) ** 2 + 1e-9)
+
+
 @hard("friction of {} in a stack", 0.0, 10.0)
 def stack(setting, friction):
     position = [[0.0, 0.0, R], [0.01 * R, 0.0, 2.999 * R], [0.0, 0.01 * R, 4.998 * R]]

@@ -4,6 +4,14 @@ import hashlib
 
 import numpy as np
 import pytest
+from multicontact_limits import (
+    R,
+    cubic_limit,
+    cubic_packing,
+    six_walls,
+    walls_closing,
+    walls_limit,
+)
 from multicontact_twin import (
     Bodies,
     contacts,
@@ -15,11 +23,9 @@ from setups import EPS, order_of, restart, rigid, scene, skin_held_at, watch
 
 import taichi_dem as dem
 
-R = 5e-3
 BEAD = dem.Material("bead", density=1000, youngs_modulus=1e5, poissons_ratio=0.3)
 STILL = 1e-12  # s, a step in which nothing moves
 TIGHT = 1e-13
-GAMMA = 1.125
 
 
 def with_surface(surface, normal=None, tangential=None):
@@ -107,38 +113,11 @@ def test_force_is_the_slope_of_the_energy(pressed):
 # -- closed forms ----------------------------------------------------------------------------------
 
 
-def walls_closing(speed, nu=0.5, **surface):
-    """A sphere that just touches six rigid planes, which close in on it."""
-    bead = dem.Material("soft", 1000, 1e5, nu)
-    planes = [
-        dem.Plane(-R * normal, tuple(normal), rigid(), velocity=tuple(speed * normal))
-        for normal in np.vstack([np.eye(3), -np.eye(3)])
-    ]
-    law = with_surface(dem.MultiContact(**surface))
-    return scene(np.zeros((1, 3)), R, bead, law=law, boundaries=planes), bead
-
-
-def six_walls(bead, depth, rounds=4000):
-    """Overlap D of each contact at ``depth`` (m): the pole opposite and four at right angles."""
-    nu, a = bead.poissons_ratio, R - depth / 2
-    sines = np.array([1.0] + 4 * [np.sqrt(0.5)])
-    shape = 2 * (1 - nu) / sines + 2 * (1 - 2 * nu) - (7 - 8 * nu) * sines
-    raised = -GAMMA * (1 + nu) / (4 * np.pi * bead.youngs_modulus * a) * shape.sum()
-    stiffness = 4 / 3 * bead.youngs_modulus / (1 - nu**2) * np.sqrt(R)
-    most = 4 / 27 / (raised * stiffness) ** 2  # of D - raised * stiffness D^1.5
-    effective = depth
-    for _ in range(rounds):
-        effective = depth + raised * stiffness * effective**1.5
-    return (effective if depth < most else np.nan), most, stiffness
-
-
 def test_cube_of_walls_as_computed_and_to_its_limit():
     """Every wall's force, until there is none that fits: then the run stops and says so."""
     speed, dt = 0.05, 2e-6
     setup, bead = walls_closing(speed)
-    limit = 0.1 * R
-    for _ in range(50):
-        limit = six_walls(bead, limit, 0)[1]
+    limit = walls_limit(bead)
     sim = dem.Simulation(setup, dt=dt)
     steps = 2 * round(0.45 * limit / speed / dt)
     for _ in range(2):
@@ -154,32 +133,12 @@ def test_cube_of_walls_as_computed_and_to_its_limit():
     assert 0.09 < limit / R < 0.11
 
 
-def cubic_limit(deeper):
-    """Depth on each side of a contact, over R, beyond which six of them find no equilibrium; those
-    of spheres lie ``deeper``, at the end of that depth rather than in the middle."""
-    bead, limit = dem.Material("soft", 1000, 1e5, 0.5), 0.1 * R
-    for _ in range(50):
-        limit = six_walls(bead, 2 * limit if deeper else limit, 0)[1]
-    return limit / R
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.95, 1.05])
 def test_simple_cubic_packing_ends_where_it_should(share):
-    """Eight spheres of it between rigid walls that stand where others would touch: the walls' limit
-    and that of spheres in place of walls (0.092 diameters) enclose that of a mixture of both."""
-    limit = sorted([cubic_limit(True), cubic_limit(False)])
-    assert limit[0] == pytest.approx(0.092, abs=5e-4)
-    depth = R * share * (limit[0] if share < 1 else limit[1])
-    half = 2 * (R - depth)
-    place = (R - depth) * np.stack(np.meshgrid(*3 * [[-1, 1]]), axis=-1).reshape(-1, 3)
-    setup = scene(
-        place,
-        R,
-        dem.Material("soft", 1000, 1e5, 0.5),
-        law=with_surface(dem.MultiContact()),
-        boundaries=[dem.Box((-half,) * 3, (half,) * 3, rigid())],
-    )
+    setup, depth = cubic_packing(share)
+    limit = min(cubic_limit(True), cubic_limit(False))
+    assert limit == pytest.approx(0.092, abs=5e-4)
 
     def press():
         sim = dem.Simulation(setup, dt=STILL, max_overlap=1)

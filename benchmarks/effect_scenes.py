@@ -68,6 +68,8 @@ SCENES: dict[str, Callable[..., dem.Simulation]] = {
 def beside(name: str, options: argparse.Namespace) -> Iterator[Cost]:
     """The costs of effects that the scene of that name could have and has not."""
     turns = options.rounds, options.seconds
+    periodic, walled = (SCENES[name](options, repeats) for repeats in (True, False))
+    yield measure_pair("period", periodic, walled, *turns)
     if name == "bed":
         yield measure_pair("sleep", *_asleep_and_awake(options), *turns)
     if name == "soft ground":
@@ -75,8 +77,6 @@ def beside(name: str, options: argparse.Namespace) -> Iterator[Cost]:
         for effect, ground in GROUNDS.items():
             given = _simulation(dataclasses.replace(scene, substrate=ground), options)
             yield from measure(given, *turns, only=[effect])
-    periodic, walled = (SCENES[name](options, repeats) for repeats in (True, False))
-    yield measure_pair("period", periodic, walled, *turns)
 
 
 def _asleep_and_awake(options: argparse.Namespace) -> tuple[dem.Simulation, dem.Simulation]:

@@ -32,19 +32,22 @@ MONOLAYER = 0.7  # share of the ground that the spheres on it cover
 SETTLING_STEP = 2 * TIME_STEP
 ROUND = 4000  # steps of settling between two stops
 MOST_ROUNDS = 40
+REPEATS = "_repeats"  # in the name of a file
 AT_REST = 1e-5  # kinetic energy of a sphere, in lifts of the mean sphere by its radius
 
 
 @dataclass(frozen=True)
 class Bed:
     """Spheres at rest in a box: position (n, 3) m and radius (n,) m; ``length`` and ``width`` (m)
-    along x and y. ``on_gel``: the floor is an elastic half-space."""
+    along x and y. ``on_gel``: the floor is an elastic half-space; ``repeats``: in place of walls
+    the sides are periodic."""
 
     position: np.ndarray
     radius: np.ndarray
     length: float
     width: float
     on_gel: bool = False
+    repeats: bool = False
 
     @property
     def count(self) -> int:
@@ -52,36 +55,37 @@ class Bed:
 
 
 def scene(bed: Bed, restitution: float = RESTITUTION, exchange: str = "implicit") -> dem.Scene:
-    """The bed as a scene: Hertz, Mindlin, four walls, a floor or a substrate."""
+    """The bed as a scene: Hertz, Mindlin, four walls or none, a floor or a substrate."""
     sides = dem.Box((0.0, 0.0, -math.inf), (bed.length, bed.width, math.inf), GLASS)
     floor = dem.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), GLASS)
     return dem.Scene(
         spheres=dem.Spheres(bed.position, bed.radius, GLASS),
-        boundaries=[sides] if bed.on_gel else [sides, floor],
+        boundaries=[*([] if bed.repeats else [sides]), *([] if bed.on_gel else [floor])],
         substrate=dem.Substrate(GEL, exchange=exchange) if bed.on_gel else None,
         law=dem.Law(normal=dem.Hertz(restitution), tangential=dem.Mindlin(FRICTION)),
         gravity=(0.0, 0.0, -GRAVITY),
+        period=(bed.length, bed.width) if bed.repeats else None,
     )
 
 
-def settled(count: int, smallest: float = 0.9) -> Bed:
+def settled(count: int, smallest: float = 0.9, repeats: bool = False) -> Bed:
     """``count`` spheres at rest on a floor, radii uniform from ``smallest`` to 1 ``RADIUS``."""
 
     def make() -> Bed:
         width = (count * _mean_volume(smallest) / SETTLED) ** (1 / 3)
-        return _settle(_pour(count, smallest, width))
+        return _settle(replace(_pour(count, smallest, width), repeats=repeats))
 
-    return _cached(f"floor_{count}_{smallest:g}", make)
+    return _cached(f"floor_{count}_{smallest:g}{REPEATS * repeats}", make)
 
 
-def settled_on_gel(count: int, grounded: int, smallest: float = 0.9) -> Bed:
+def settled_on_gel(count: int, grounded: int, smallest: float = 0.9, repeats: bool = False) -> Bed:
     """``count`` spheres at rest on an elastic half-space, ``grounded`` or so in touch."""
 
     def make() -> Bed:
         width = RADIUS * math.sqrt(math.pi * grounded / MONOLAYER)
-        return _settle(replace(_pour(count, smallest, width), on_gel=True))
+        return _settle(replace(_pour(count, smallest, width), on_gel=True, repeats=repeats))
 
-    return _cached(f"gel_{count}_{grounded}_{smallest:g}", make)
+    return _cached(f"gel_{count}_{grounded}_{smallest:g}{REPEATS * repeats}", make)
 
 
 def side_by_side(bed: Bed, copies: int) -> Bed:
@@ -113,13 +117,7 @@ def _cached(name: str, make: Callable[[], Bed]) -> Bed:
         np.savez(partial, **vars(make()))
         partial.replace(path)
     with np.load(path) as stored:
-        return Bed(
-            stored["position"],
-            stored["radius"],
-            float(stored["length"]),
-            float(stored["width"]),
-            bool(stored["on_gel"]),
-        )
+        return Bed(**{name: stored[name][()] for name in stored})
 
 
 def _mean_volume(smallest: float) -> float:

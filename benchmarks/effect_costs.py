@@ -1,25 +1,29 @@
 """What each effect costs per step, on three standard scenes: each with and without it, by turns.
 
-The scenes: a bed of spheres on a hard floor; a bed on soft ground; a powder pressed by a piston.
 ``--write docs/effects.md`` puts the table between the two marks in that file.
 """
 
 import argparse
 import dataclasses
-from collections.abc import Callable
 from pathlib import Path
 
-import taichi_dem as dem
-from benchmarks import bed as beds
 from benchmarks import report
+from benchmarks.effect_scenes import NOT_THERE, SCENES, beside
 from benchmarks.report import Figure
 from taichi_dem.cost import Cost, measure
 
 BEGIN, END = "<!-- costs -->\n", "<!-- end of costs -->\n"
-RUBS, ROLLS = dem.Mindlin(beds.FRICTION), dem.CDT(0.05, regularization="spring")
-STICKY = dem.JKR(work_of_adhesion=1e-3, restitution=beds.RESTITUTION)
-PRESSED = 0.05  # of the largest radius: how far the piston has come down when it is timed
-SPEED = 0.02  # m/s, of the piston
+MANY = 5.0  # times a step, from which it is no longer told as a percentage
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """Of a scene: what its own effects cost, what others cost ``beside`` it, and why it has none of
+    the rest, by name."""
+
+    own: list[Cost]
+    beside: list[Cost]
+    lacks: dict[str, str]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -37,81 +41,70 @@ def run(options: argparse.Namespace) -> list[Figure]:
     found = {}
     for name in options.scenes:
         sim = SCENES[name](options)
-        found[name] = measure(sim, options.rounds, options.seconds)
+        lacks = {effect.name: effect.reason for effect in sim.effects.listed if not effect.on}
+        lacks |= {effect: why for (effect, scene), why in NOT_THERE.items() if scene == name}
+        own = measure(sim, options.rounds, options.seconds)
+        found[name] = Found(own, list(beside(name, options)), lacks)
     if options.write:
         write(options.write, markdown(found))
     return [figure for name, costs in found.items() for figure in figures(name, costs)]
 
 
-def bed(options: argparse.Namespace) -> dem.Simulation:
-    """Spheres at rest on a floor, whose contacts rub, roll and feel each other."""
-    law = dem.Law(dem.Hertz(beds.RESTITUTION), RUBS, ROLLS, dem.MultiContact())
-    scene = dataclasses.replace(beds.scene(beds.settled(options.particles)), law=law)
-    return _simulation(scene, options)
-
-
-def soft_ground(options: argparse.Namespace) -> dem.Simulation:
-    """Spheres at rest on an elastic half-space, about a fifth of them in touch with it."""
-    given = beds.scene(beds.settled_on_gel(options.on_gel, options.on_gel // 5))
-    law = dem.Law(dem.Hertz(beds.RESTITUTION), RUBS, ROLLS)
-    return _simulation(dataclasses.replace(given, law=law), options)
-
-
-def powder(options: argparse.Namespace) -> dem.Simulation:
-    """Sticky spheres under a piston on its way down."""
-    given = beds.scene(beds.settled(options.particles))
-    top = float((given.spheres.position[:, 2] + given.spheres.radius).max())
-    piston = dem.Piston((0, 0, top), (0, 0, -1), beds.GLASS, velocity=SPEED)
-    law = dem.Law(STICKY, RUBS, ROLLS)
-    sim = _simulation(
-        dataclasses.replace(given, law=law, boundaries=(*given.boundaries, piston)), options
-    )
-    sim.run(duration=PRESSED * beds.RADIUS / SPEED)
-    return sim
-
-
-SCENES: dict[str, Callable[[argparse.Namespace], dem.Simulation]] = {
-    "bed": bed,
-    "soft ground": soft_ground,
-    "powder": powder,
-}
-
-
-def figures(scene: str, costs: list[Cost]) -> list[Figure]:
+def figures(scene: str, found: Found) -> list[Figure]:
     """The time of a step, and what it is over that without each effect."""
-    (on,) = {cost.on for cost in costs if cost.on}
     return [
-        Figure.median(f"{scene}: a step", [1e6 * seconds for seconds in on], "us"),
+        Figure.median(f"{scene}: a step", [1e6 * seconds for seconds in _step(found)], "us"),
         *(
             Figure.median(f"{scene}: with over without {cost.name}", cost.ratios, "")
-            for cost in costs
+            for cost in (*found.own, *found.beside)
             if cost.on
         ),
     ]
 
 
-def markdown(found: dict[str, list[Cost]]) -> str:
+def markdown(found: dict[str, Found]) -> str:
     """A line for each effect, a column for each scene: what it adds to the time of a step."""
-    names = list(dict.fromkeys(cost.name for costs in found.values() for cost in costs))
-    lines = [["effect", *found], ["---"] * (1 + len(found))]
-    for name in names:
-        cells = [
-            next((_cell(cost) for cost in costs if cost.name == name), "")
-            for costs in found.values()
-        ]
-        lines.append([name, *cells])
-    steps = [f"{figures(name, costs)[0].value:.3g} µs" for name, costs in found.items()]
-    lines.append(["a step with all of them", *steps])
+    steps = [f"{Figure.median('', _step(one), '').value * 1e6:.3g} µs" for one in found.values()]
+    lines = [
+        ["effect", *found],
+        ["---"] * (1 + len(found)),
+        *_rows({name: one.own for name, one in found.items()}, found),
+        ["a step with all of these", *steps],
+        *_rows({name: one.beside for name, one in found.items()}, found),
+    ]
     table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
     return f"{table}\n\nMeasured on: {report.machine()['processor']}.\n"
 
 
-def _cell(cost: Cost) -> str:
+def _rows(costs: dict[str, list[Cost]], found: dict[str, Found]) -> list[list[str]]:
+    names = dict.fromkeys(cost.name for some in costs.values() for cost in some)
+    return [
+        [name, *(_cell(name, some, found[scene].lacks) for scene, some in costs.items())]
+        for name in names
+    ]
+
+
+def _cell(name: str, costs: list[Cost], lacks: dict[str, str]) -> str:
+    for cost in costs:
+        if cost.name == name:
+            return _told(cost)
+    return f"– {lacks[name]}"
+
+
+def _told(cost: Cost) -> str:
     if not cost.on:
         return "stopped"
     ratios = sorted(cost.ratios)
     middle = Figure.median("", ratios, "").value
+    if middle > MANY:
+        return f"×{middle:.3g} ({ratios[0]:.3g} … {ratios[-1]:.3g})"
     return f"{middle - 1:+.0%} ({ratios[0] - 1:+.0%} … {ratios[-1] - 1:+.0%})"
+
+
+def _step(found: Found) -> tuple[float, ...]:
+    """Seconds of a step with all effects of the scene's own."""
+    (on,) = {cost.on for cost in found.own if cost.on}
+    return on
 
 
 def write(path: Path, table: str) -> None:
@@ -121,7 +114,3 @@ def write(path: Path, table: str) -> None:
     if not end:
         raise ValueError(f"{path} does not have the lines {BEGIN.strip()} and {END.strip()}")
     path.write_text(f"{before}{begin}{table}{end}{after}", encoding="utf-8")
-
-
-def _simulation(scene: dem.Scene, options: argparse.Namespace) -> dem.Simulation:
-    return dem.Simulation(scene, beds.TIME_STEP, driver=options.driver)

@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> list[Figure]:
     scene = beds.scene(beds.settled(options.particles))
     scene = dataclasses.replace(scene, law=LAW, sleep=True)
     sim = dem.Simulation(scene, driver=options.driver)
-    _wait(sim, options.most)
+    wait(sim, options.most)
     waited, sleep = sim.steps, sim._engine.sleep
     asleep, awake = [], []
     for _ in range(options.rounds):
@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> list[Figure]:
         sleep.next = NEVER
         awake.append(_seconds(sim, options.steps))
         sleep.next = 0
-        _wait(sim, options.most)
+        wait(sim, options.most)
     what = f"{options.particles} spheres at rest"
     ratios = [slow / fast for slow, fast in zip(awake, asleep, strict=True)]
     return [
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> list[Figure]:
     ]
 
 
-def _wait(sim: dem.Simulation, most: int) -> None:
+def wait(sim: dem.Simulation, most: int) -> None:
     """Run until all sleep, within ``most`` steps."""
     last = sim.steps + most
     while not sim.asleep.all():

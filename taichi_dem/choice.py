@@ -22,7 +22,7 @@ import numpy as np
 from taichi_dem import accuracy
 from taichi_dem.guards import SimulationStopped
 from taichi_dem.neglect import Neglected
-from taichi_dem.pilot import Pilot
+from taichi_dem.pilot import Pilot, Span
 from taichi_dem.scene import Scene
 from taichi_dem.settings import EVERY, VALUES, Settings
 from taichi_dem.study_report import described
@@ -41,20 +41,17 @@ LOWEST, HIGHEST = 0.5, 4.0  # orders that are believed
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """``settings`` and the error that they are ``expected`` to have over ``window`` (s) of the run
-    from ``start`` (s) on, before which nothing touches; ``limit`` says what kept them from being
-    cheaper, or from meeting what was asked, and ``unseen`` what the window says nothing about."""
+    """``settings`` and the error that they are ``expected`` to have over a ``span`` of the run;
+    ``limit`` says what kept them from being cheaper, or from meeting what was ``asked``, and
+    ``unseen`` what the span says nothing about. ``measured``: step (s, as text) to error."""
 
     settings: Settings
     asked: float
     expected: float
-    window: float
-    chaotic: bool
+    span: Span
     limit: str
-    measured: dict[str, float]  # step (s, as text) to error
+    measured: dict[str, float]
     left_out: tuple[Neglected, ...] = ()
-    start: float = 0.0
-    stable: float = 0.0  # the stable step, s
     unseen: str = ""
 
     @property
@@ -73,9 +70,9 @@ class Choice:
             "asked": self.asked,
             "expected": self.expected,
             "met": self.met,
-            "compared_from_s": self.start,
-            "compared_over_s": self.window,
-            "trajectories_part": self.chaotic,
+            "compared_from_s": self.span.start,
+            "compared_over_s": self.span.length,
+            "trajectories_part": self.span.chaotic,
             "limit": self.limit,
             "unseen": self.unseen,
             "settings": dataclasses.asdict(self.settings),
@@ -85,16 +82,17 @@ class Choice:
 
     def words(self) -> Iterator[str]:
         """For people."""
-        times = self.stable / self.settings.step
+        span = self.span
+        times = span.stable / self.settings.step
         more = f", {times:.2g} times as many steps as the stable one takes" if times > 1.05 else ""
         yield f"settings: {described(self.settings)}, limited by {self.limit}{more}"
-        over, part = quantity(self.window, "s"), " before trajectories part" if self.chaotic else ""
-        span = f"the first {over}{part or ' of the run'}"
-        if self.start > 0:
-            span = f"{over} from t = {quantity(self.start, 's')} on{part}; nothing touches before"
-        yield f"expected error {self.expected:.2g} over {span}"
+        over, part = quantity(span.length, "s"), " before trajectories part" if span.chaotic else ""
+        where = f"the first {over}{part or ' of the run'}"
+        if span.start > 0:
+            where = f"{over} from t = {quantity(span.start, 's')} on{part}; nothing touches before"
+        yield f"expected error {self.expected:.2g} over {where}"
         if not self.met:
-            yield f"warning: that is more than the {self.asked:g} asked for; {self.limit}"
+            yield f"warning: that is more than the {self.asked:g} asked for"
         if self.unseen:
             yield self.unseen
         for effect in self.missing:
@@ -112,10 +110,10 @@ def choose(scene: Scene, duration: float, asked: float, estimate: bool = True) -
 
 def choose_by(pilot: Pilot, asked: float) -> Choice:
     """:func:`choose`, by the runs of a pilot that there is already."""
-    coarse = pilot.tight.but("step", pilot.stable)
+    coarse = pilot.tight.but("step", pilot.span.stable)
     unseen = _unseen(pilot, coarse)
     if unseen:
-        settings, used = Settings.of(pilot.scene, pilot.stable), 0.0
+        settings, used = Settings.of(pilot.scene, pilot.span.stable), 0.0
     else:
         settings, used = _coupling(pilot, coarse, asked)
         settings, more = _residual(pilot, settings, asked)
@@ -127,19 +125,16 @@ def choose_by(pilot: Pilot, asked: float) -> Choice:
     if step >= steps[0]:
         limit = "the stable step"
     elif expected > 1.01 * goal:
-        limit = f"no step below {step:.3g} s was tried"
+        limit = f"short runs, which tell nothing of steps below {step:.3g} s"
     room = max(OWN_SHARE * asked, goal - expected)
     settings, used = _exchange(pilot, settings.but("step", step), used, room)
     return Choice(
         settings,
         asked,
         expected + used,
-        pilot.window,
-        pilot.chaotic,
+        pilot.span,
         limit,
         {f"{h:.4g}": e for h, e in zip(steps.tolist(), errors.tolist(), strict=True)},
-        start=pilot.start,
-        stable=pilot.stable,
         unseen=unseen,
     )
 
@@ -201,7 +196,7 @@ def _exchange(pilot: Pilot, each: Settings, used: float, room: float) -> tuple[S
 
 def _solving_takes_time(pilot: Pilot) -> bool:
     """By counts, not by a clock: the choice is the same on every machine."""
-    grounded = pilot.grounded(pilot.tight.but("step", pilot.stable))
+    grounded = pilot.grounded(pilot.tight.but("step", pilot.span.stable))
     ground = pilot.scene.substrate
     if ground is not None and ground.homogeneous and pilot.scene.period is None:
         return grounded**2 >= WORTH * pilot.scene.spheres.count
@@ -222,7 +217,7 @@ def _own_error(pilot: Pilot, loose: Settings, tight: Settings) -> float:
 
 def _errors_of_steps(pilot: Pilot, goal: float) -> tuple[np.ndarray, np.ndarray]:
     """Steps (s) from the stable one down, and their errors, as far as is needed for ``goal``."""
-    steps = [pilot.stable / 2**k for k in range(MOST_HALVINGS + 1)]
+    steps = [pilot.span.stable / 2**k for k in range(MOST_HALVINGS + 1)]
     for finest in range(2, MOST_HALVINGS + 1):
         errors = _against(pilot, steps[: finest + 1])
         if errors[-1] <= goal or (finest >= 3 and _steady(errors, goal)):

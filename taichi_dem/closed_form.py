@@ -50,11 +50,16 @@ def is_over(run: Record, exact: np.ndarray, before: np.ndarray) -> bool:
 def flown_freely(run: Record, scene: Scene) -> bool:
     """Whether nothing touched in ``run``, not even between two samples."""
     spheres, time = scene.spheres, run.time[:, None, None]
-    fallen = 0.5 * np.asarray(scene.gravity) * time**2
-    way = spheres.velocity * time + fallen
-    scale = np.abs(spheres.position).max() + np.abs(way).max()
-    off = np.abs(run.position - spheres.position - way).max()
-    return not len(run.contact) and bool(off <= FREE * scale)
+    free = parabola(spheres.position, spheres.velocity, scene.gravity, time)
+    scale = np.abs(spheres.position).max() + np.abs(free - spheres.position).max()
+    return not len(run.contact) and bool(np.abs(run.position - free).max() <= FREE * scale)
+
+
+def parabola(position: np.ndarray, velocity: np.ndarray, gravity: Any, time: Any) -> np.ndarray:
+    """Where spheres are, (n, 3) m, ``time`` (s) after they were at ``position`` (n, 3) m with
+    ``velocity`` (n, 3) m/s, and nothing but ``gravity`` (m/s2) acts on them; (k, n, 3) for times
+    (k, 1, 1)."""
+    return position + time * (velocity + 0.5 * time * np.asarray(gravity))
 
 
 def _elastic(normal: Any) -> bool:

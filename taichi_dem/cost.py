@@ -10,7 +10,7 @@ import dataclasses
 import statistics
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import Any
 
 from taichi_dem.contacts.cdt_jkr import CDTJKR
@@ -66,9 +66,15 @@ class Cost:
         }
 
 
-def measure(sim: Simulation, rounds: int = ROUNDS, seconds: float = SECONDS) -> list[Cost]:
-    """The cost of every effect of ``sim`` that can be left out, from its present state on; ``sim``
-    itself is left alone. Each effect is compiled out once, which takes seconds."""
+def measure(
+    sim: Simulation,
+    rounds: int = ROUNDS,
+    seconds: float = SECONDS,
+    only: Collection[str] | None = None,
+) -> list[Cost]:
+    """The cost of every effect of ``sim`` that can be left out (or of those ``only``), from its
+    present state on; ``sim`` itself is left alone. Each effect is compiled out once, which takes
+    seconds."""
     course = _Course(sim)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -77,6 +83,8 @@ def measure(sim: Simulation, rounds: int = ROUNDS, seconds: float = SECONDS) -> 
         others: dict[str, Simulation] = {}
         failed = []
         for name, scene, books in variants(sim.scene, sim.effects.losses):
+            if only is not None and name not in only:
+                continue
             try:
                 other = course.simulation(scene, books)
                 course.run(other, FEWEST)
@@ -84,13 +92,23 @@ def measure(sim: Simulation, rounds: int = ROUNDS, seconds: float = SECONDS) -> 
                 failed.append(Cost(name, problem=str(error)))
             else:
                 others[name] = other
-        steps = int(min(max(seconds / course.run(whole, FEWEST), FEWEST), MOST))
+        steps = _steps(seconds / course.run(whole, FEWEST))
         turns = [
             (course.run(whole, steps), {name: course.run(o, steps) for name, o in others.items()})
             for _ in range(rounds)
         ]
     on = tuple(of_whole for of_whole, _ in turns)
     return [*(Cost(name, on, tuple(off[name] for _, off in turns)) for name in others), *failed]
+
+
+def measure_pair(
+    name: str, on: Simulation, off: Simulation, rounds: int = ROUNDS, seconds: float = SECONDS
+) -> Cost:
+    """The cost of an effect that wants a state of its own: steps of ``on``, which has it, and of
+    ``off``, from where each of them is."""
+    steps = {sim: _steps(seconds / _step_time(sim, FEWEST)) for sim in (on, off)}
+    turns = [[_step_time(sim, steps[sim]) for sim in (on, off)] for _ in range(rounds)]
+    return Cost(name, tuple(turn[0] for turn in turns), tuple(turn[1] for turn in turns))
 
 
 def lines(sim: Simulation, found: list[Cost]) -> Iterator[str]:
@@ -114,8 +132,6 @@ class _Course:
         self._place = {name: getattr(now, name) for name in ("position", "velocity", "omega")}
         self._motion = sim._engine.boundaries.read()
         self._dt, self._driver = sim.dt, sim.summary()["driver"]
-        # One thread's own time, which others who use the cores do not add to.
-        self._clock = time.process_time if self._driver == "serial" else time.perf_counter
 
     def simulation(self, scene: Scene, books: bool) -> Simulation:
         """One of ``scene``, to be run."""
@@ -127,9 +143,22 @@ class _Course:
         """Seconds of a step."""
         spheres = dataclasses.replace(sim.scene.spheres, **self._place)
         sim._restart(spheres, self._dt, self._motion)
-        start = self._clock()
-        sim.run(steps=steps)
-        return (self._clock() - start) / steps
+        return _step_time(sim, steps)
+
+
+def _step_time(sim: Simulation, steps: int) -> float:
+    """Seconds of a step, over as many."""
+    # One thread's own time, which others who use the cores do not add to.
+    serial = sim.summary()["driver"] == "serial"
+    clock: Callable[[], float] = time.process_time if serial else time.perf_counter
+    start = clock()
+    sim.run(steps=steps)
+    return (clock() - start) / steps
+
+
+def _steps(wanted: float) -> int:
+    """Of a turn."""
+    return int(min(max(wanted, FEWEST), MOST))
 
 
 def variants(scene: Scene, books: bool) -> Iterator[tuple[str, Scene, bool]]:
@@ -154,6 +183,9 @@ def variants(scene: Scene, books: bool) -> Iterator[tuple[str, Scene, bool]]:
             ground, exchange="none", exchange_every=1, layer=None, relaxation=None
         )
         yield "substrate coupling", dataclasses.replace(scene, substrate=rigid), books
+        if ground.exchange == "lagged":
+            implicit = dataclasses.replace(ground, exchange="implicit")
+            yield "lagged exchange", dataclasses.replace(scene, substrate=implicit), books
         if ground.exchange_every > 1:
             solved = dataclasses.replace(ground, exchange_every=1)
             yield "extrapolated exchange", dataclasses.replace(scene, substrate=solved), books

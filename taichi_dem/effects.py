@@ -158,6 +158,7 @@ def _listed(
     yield Effect("dissipation", found["losses"], reason)
     yield _substrate_coupling(scene.substrate)
     yield _finite_size(scene.substrate)
+    yield _lagged_exchange(scene.substrate)
     yield _extrapolated_exchange(scene.substrate)
     yield Effect(
         "multi-contact",
@@ -220,6 +221,15 @@ def _substrate_coupling(ground: Substrate | None) -> Effect:
         "none": 'exchange is "none": an elastic plane',
     }
     return Effect("substrate coupling", ground.exchange != "none", reason[ground.exchange])
+
+
+def _lagged_exchange(ground: Substrate | None) -> Effect:
+    name = "lagged exchange"
+    if ground is None or ground.exchange == "none":
+        return Effect(name, False, "nothing is exchanged")
+    if ground.exchange == "implicit":
+        return Effect(name, False, "contacts on the ground are solved for together")
+    return Effect(name, True, "in place of solving for contacts on the ground together")
 
 
 def _extrapolated_exchange(ground: Substrate | None) -> Effect:

@@ -15,6 +15,7 @@ import warnings
 import numpy as np
 
 from taichi_dem import accuracy
+from taichi_dem.closed_form import flown_freely, parabola
 from taichi_dem.contact_list import SUBSTRATE
 from taichi_dem.guards import SimulationStopped
 from taichi_dem.moments import Moments
@@ -23,21 +24,34 @@ from taichi_dem.record import SAMPLES, Record, even_step, record
 from taichi_dem.scene import Scene
 from taichi_dem.settings import EVERY, Settings
 from taichi_dem.simulation import Simulation
+from taichi_dem.spheres import Spheres
 
 MOST_WORK = 1e7  # particle-steps
-LOOKS = 8  # in as much time as that, for the end of a flight
 STRAIGHT = 1e-9  # radii, off the parabola that a sphere follows which touches nothing
+LOOKS = 8  # in as much time as that, for the end of a flight
 SMALLER = 3  # times half the stable step, where a guard stops it
 STEADY = 0.5  # of the most contacts with the ground, there from the start
+
+
+@dataclasses.dataclass(frozen=True)
+class Span:
+    """What is compared of a run: ``length`` (s) from ``start`` (s) on, before which nothing
+    touches; ``chaotic``: no more because trajectories part; ``stable``: the stable step, s."""
+
+    start: float
+    length: float
+    stable: float
+    chaotic: bool = False
 
 
 class Pilot:
     """Runs of ``scene``, ``duration`` (s) long, with any settings; each is computed once.
 
-    ``window``: s from ``start`` (s) that are compared; ``chaotic``: whether that is less than all
-    because trajectories part; ``whole``: whether it is all of the run but for a flight; ``stable``:
-    the stable step, s.
+    ``span``: what they cover; ``whole``: whether that is all of the run but for a flight.
     """
+
+    span: Span
+    whole: bool
 
     def __init__(self, scene: Scene, duration: float):
         self.scene = scene
@@ -45,63 +59,49 @@ class Pilot:
         self._records: dict[Settings, Record] = {}
         self._steep: set[Settings] = set()
         self.tight = Settings.tightest(scene, 0.0)
-        self.start = 0.0
         stable = self._simulation(self.tight).stable.value
-        self.window = min(duration, MOST_WORK / scene.spheres.count * stable)
-        if self.window < duration:
-            self._skip_flight(duration)
+        longest = min(duration, MOST_WORK / scene.spheres.count * stable)
+        start = self._skip_flight(duration, longest)
+        left = duration - start
         for smaller in range(SMALLER + 1):
-            self.stable = stable / 2**smaller
             try:
-                return self._compare(duration - self.start)
+                return self._compare(Span(start, min(longest, left), stable / 2**smaller), left)
             except SimulationStopped:  # a smaller step may get through
                 self._records.clear()
                 if smaller == SMALLER:
                     raise
 
-    def _compare(self, left: float) -> None:
-        """Find how long trajectories can be compared in the ``left`` time (s) of the run."""
-        stable, last = self.stable, 0
-        self.window = min(left, self.window)
-        self.whole, self.chaotic = self.window >= left, False
-        if not self.whole:
-            self.window = _of_whole_steps(self.window, stable, left)
-        while last < accuracy.FEWEST:
-            self.stable = even_step(stable, self.window)  # so that halves of it are halves
-            first = self.record(self.tight.but("step", self.stable))
-            last = accuracy.comparable(first, self._run(self.tight, self.stable, 1))
+    def _compare(self, longest: Span, left: float) -> None:
+        """Find over how much of the ``longest`` span trajectories can be compared, of the ``left``
+        time (s) of the run."""
+        stable, length, chaotic, last = longest.stable, longest.length, False, 0
+        whole = length >= left
+        if not whole:
+            length = _of_whole_steps(length, stable, left)
+        while True:
+            step = even_step(stable, length)  # so that halves of it are halves
+            self.span = Span(longest.start, length, step, chaotic)
+            self.whole = whole and not chaotic
+            if last >= accuracy.FEWEST:
+                return
+            first = self.record(self.tight.but("step", step))
+            last = accuracy.comparable(first, self._run(self.tight, step, 1))
             if last < first.samples:
-                self.whole, self.chaotic = False, True
-                shorter = self.window * max(last, 1) / first.samples
-                self.window = _of_whole_steps(shorter, stable, shorter)
+                shorter = length * max(last, 1) / first.samples
+                length, chaotic = _of_whole_steps(shorter, stable, shorter), True
                 self._records.clear()
-        self.stable = even_step(stable, self.window)
 
-    def _skip_flight(self, duration: float) -> None:
-        """Start at the last look before anything touches, if there is one."""
-        if any(boundary.moves for boundary in self.scene.boundaries):
-            return
-        sim, spheres = self._simulation(self.tight), self.scene.spheres
-        sim.restart()
-        begun, gravity = sim.time, np.array(self.scene.gravity)
-        position, velocity = np.array(sim.particles.position), np.array(sim.particles.velocity)
-        while sim.time + self.window / LOOKS < duration:
-            begun, at, moving = sim.time, position, velocity
-            try:
-                sim.run(duration=self.window / LOOKS)
-            except SimulationStopped:
-                break
-            position, velocity = np.array(sim.particles.position), np.array(sim.particles.velocity)
-            passed = sim.time - begun
-            off = at + passed * (moving + 0.5 * passed * gravity) - position
-            if (np.abs(off) > STRAIGHT * spheres.radius[:, None]).any():
-                break
-        else:
-            return
-        if begun > 0:
-            flown = dataclasses.replace(spheres, position=at, velocity=moving)
-            self.scene, self.start = dataclasses.replace(self.scene, spheres=flown), begun
+    def _skip_flight(self, duration: float, longest: float) -> float:
+        """Start where something is about to touch, if not all can be run and no wall has moved by
+        then; the time of it, s."""
+        if longest >= duration or any(wall.moves for wall in self.scene.boundaries):
+            return 0.0
+        sim = self._simulation(self.tight)
+        start, spheres = _before_touching(sim, duration, longest / LOOKS)
+        if start > 0:
+            self.scene = dataclasses.replace(self.scene, spheres=spheres)
             self._simulations.clear()
+        return start
 
     def record(self, settings: Settings) -> Record:
         """What a run with ``settings`` gives."""
@@ -120,8 +120,8 @@ class Pilot:
         return settings in self._steep
 
     def touching(self, settings: Settings) -> bool:
-        """Whether there is a contact at all."""
-        return len(self.record(settings).contact) > 0
+        """Whether anything touches at all."""
+        return not flown_freely(self.record(settings), self.scene)
 
     def grounded(self, settings: Settings) -> int:
         """The most contacts with the substrate at a time."""
@@ -140,11 +140,11 @@ class Pilot:
 
     def left_out(self) -> list[Neglected]:
         """What the effects would change that no setting turns on (:mod:`taichi_dem.neglect`)."""
-        sim, seen = self._simulation(self.tight), Moments(self.window)
-        self._restart(sim, self.stable, 0)
+        sim, seen = self._simulation(self.tight), Moments(self.span.length)
+        self._restart(sim, self.span.stable, 0)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
-            sim.run(duration=self.window, outputs=[seen])
+            sim.run(duration=self.span.length, outputs=[seen])
         return neglected(sim, seen.kept)
 
     def _run(self, settings: Settings, step: float, member: int) -> Record:
@@ -152,7 +152,7 @@ class Pilot:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
             self._restart(sim, step, member)
-            found = record(sim, self.window, SAMPLES)
+            found = record(sim, self.span.length, SAMPLES)
         if "sparse_exchange" in sim.warnings:
             self._steep.add(settings)
         return found
@@ -160,7 +160,7 @@ class Pilot:
     def _restart(self, sim: Simulation, step: float, member: int) -> None:
         sim.restart(
             accuracy.perturbed(self.scene.spheres, member),
-            dt=even_step(step, self.window, SAMPLES),
+            dt=even_step(step, self.span.length, SAMPLES),
         )
 
     def _simulation(self, settings: Settings) -> Simulation:
@@ -175,6 +175,25 @@ class Pilot:
         if settings.every > 1 and (exchange := sim._engine.exchange) is not None:
             exchange.between.every[None] = settings.every
         return sim
+
+
+def _before_touching(sim: Simulation, duration: float, look: float) -> tuple[float, Spheres]:
+    """Time (s) and spheres at the last look before anything touches in a run of ``sim`` over
+    ``duration`` (s), with a look every so many seconds; those of the start if nothing does."""
+    sim.restart()
+    time, spheres = 0.0, sim.scene.spheres
+    while time + look < duration:
+        try:
+            sim.run(duration=look)
+        except SimulationStopped:
+            return time, spheres
+        now, passed = sim.particles, sim.time - time
+        free = parabola(spheres.position, spheres.velocity, sim.scene.gravity, passed)
+        if (np.abs(now.position - free) > STRAIGHT * spheres.radius[:, None]).any():
+            return time, spheres
+        time = sim.time
+        spheres = dataclasses.replace(spheres, position=now.position, velocity=now.velocity)
+    return 0.0, sim.scene.spheres
 
 
 def _of_whole_steps(window: float, step: float, most: float) -> float:

@@ -269,10 +269,19 @@ def test_the_table_of_costs_goes_between_its_marks(tmp_path):
     rubs = Cost("friction", on=(3.0, 2.0, 4.0), off=(2.0, 2.0, 2.0))
     rolls = Cost("rolling", on=(3.0, 2.0, 4.0), off=(1.0, 1.0, 1.0))
     stopped = Cost("adhesion", problem="too deep")
-    table = effect_costs.markdown({"bed": [rubs, stopped], "powder": [rubs, rolls]})
+    sleeps = Cost("sleep", on=(1.0, 1.0), off=(20.0, 20.0))
+    layer = Cost("layer", on=(3.0, 2.0, 4.0), off=(0.25, 0.25, 0.25))
+    bed = effect_costs.Found([rubs, stopped], [sleeps], {"rolling": "smooth", "layer": "no ground"})
+    powder = effect_costs.Found([rubs, rolls], [layer], {"adhesion": "dry", "sleep": "moves"})
+    found = {"bed": bed, "powder": powder}
+    table = effect_costs.markdown(found)
     assert "| friction | +50% (+0% … +100%) | +50% (+0% … +100%) |" in table
-    assert "| rolling |  | +200% (+100% … +300%) |" in table
-    assert "| adhesion | stopped |  |" in table
+    assert "| rolling | – smooth | +200% (+100% … +300%) |" in table
+    assert "| adhesion | stopped | – dry |" in table
+    assert "| a step with all of these | 3e+06 µs | 3e+06 µs |\n| sleep | -95%" in table
+    assert "| layer | – no ground | ×12 (8 … 16) |" in table
+    told = {figure.what: figure.value for figure in effect_costs.figures("bed", bed)}
+    assert told["bed: with over without sleep"] == 0.05
     document = tmp_path / "effects.md"
     document.write_text(f"before\n{effect_costs.BEGIN}old\n{effect_costs.END}after\n")
     effect_costs.write(document, table)

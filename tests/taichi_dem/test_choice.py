@@ -15,13 +15,13 @@ from taichi_dem.asked_error import settled
 from taichi_dem.guards import SimulationStopped
 from taichi_dem.moments import STATES
 from taichi_dem.neglect import Neglected, turned_on
-from taichi_dem.pilot import Pilot
+from taichi_dem.pilot import Pilot, Span
 
 
 class Made:
     """A pilot whose runs err by ``constant`` step^``order``."""
 
-    stable, start, window, whole, chaotic, scene = 1.0, 0.0, 1.0, True, False, None
+    span, whole, scene = Span(0.0, 1.0, 1.0), True, None
 
     def __init__(self, constant, order):
         self.constant, self.order = constant, order
@@ -58,7 +58,7 @@ def test_where_the_stable_step_is_good_enough_it_is_taken():
 
 def test_what_cannot_be_met_is_said():
     found = choice.choose_by(Made(0.1, 1.0), 1e-7)  # ... but not without end
-    assert found.limit.startswith("no step below") and found.expected > 1e-7
+    assert found.limit.startswith("short runs") and found.expected > 1e-7
     assert not found.met and any("more than the 1e-07 asked for" in line for line in found.words())
 
 
@@ -164,42 +164,42 @@ def test_a_pilot_that_is_shorter_than_the_run_skips_the_flight(monkeypatch):
     stable = dem.Simulation(setup).stable.value
     monkeypatch.setattr("taichi_dem.pilot.MOST_WORK", 2 * 0.01 / stable)  # so many of 10 ms
     pilot = Pilot(setup, 0.1)
-    assert 0.009 < pilot.window <= 0.01 and not pilot.whole
-    assert pilot.stable == pytest.approx(stable)
-    assert lands - 0.01 / 8 <= pilot.start <= lands
-    moved = falling(1.0).spheres.position[:, 2] - 0.5 * 9.81 * pilot.start**2
+    assert 0.009 < pilot.span.length <= 0.01 and not pilot.whole
+    assert pilot.span.stable == pytest.approx(stable)
+    assert lands - 0.01 / 8 <= pilot.span.start <= lands
+    moved = falling(1.0).spheres.position[:, 2] - 0.5 * 9.81 * pilot.span.start**2
     assert pilot.scene.spheres.position[:, 2] == pytest.approx(moved, rel=1e-9)
     told = choice.choose_by(pilot, 1e-2)
     assert told.settings.coupling == "finite" and told.unseen == ""
     assert any("nothing touches before" in line for line in told.words())
-    assert told.summary()["compared_from_s"] == pilot.start
+    assert told.summary()["compared_from_s"] == pilot.span.start
 
 
 def test_a_step_that_a_guard_stops_is_halved(monkeypatch):
     tried, compare = [], Pilot._compare
 
-    def stopped_at_first(self, left):
-        tried.append(self.stable)
+    def stopped_at_first(self, longest, left):
+        tried.append(longest.stable)
         if len(tried) < 3:
             raise SimulationStopped("sphere 0 moves too far", 0, {})
-        compare(self, left)
+        compare(self, longest, left)
 
     monkeypatch.setattr(Pilot, "_compare", stopped_at_first)
     pilot = Pilot(bobbing(), 0.01)
-    assert tried == [tried[0], tried[0] / 2, tried[0] / 4] and pilot.stable <= tried[2]
+    assert tried == [tried[0], tried[0] / 2, tried[0] / 4] and pilot.span.stable <= tried[2]
 
 
 def test_of_flight_alone_nothing_is_learnt():
     pilot = Pilot(falling(10.0), 0.01)
     told = choice.choose_by(pilot, 1e-2)
-    assert pilot.start == 0.0 and "free flight" in told.unseen
+    assert pilot.span.start == 0.0 and "free flight" in told.unseen
     assert told.settings == choice.Settings.of(pilot.scene, told.settings.step)
 
 
 def test_the_error_found_is_about_the_one_asked():
     asked, pilot = 1e-5, Pilot(bobbing(), 0.01)
     told = choice.choose_by(pilot, asked)
-    assert pilot.grounded(pilot.tight.but("step", pilot.stable)) == 2
+    assert pilot.grounded(pilot.tight.but("step", pilot.span.stable)) == 2
     fine = pilot.tight.but("step", told.settings.step / 8)
     found = accuracy.worst(pilot.distance(told.settings, fine))
     assert told.limit == "the asked error"
@@ -241,7 +241,9 @@ def left_out(size):
     entry = 'law.surface = { type = "MultiContact" }'
     lacks = Neglected("multi-contact", entry, size, 4, 4)
     settings = choice.Settings(2e-5, 1e-5, 1e-5, "point", "every 4")
-    return choice.Choice(settings, 1e-3, 8e-4, 1e-3, False, "the asked error", {}, (lacks,))
+    return choice.Choice(
+        settings, 1e-3, 8e-4, Span(0.0, 1e-3, 2e-5), "the asked error", {}, (lacks,)
+    )
 
 
 @pytest.mark.parametrize(
@@ -295,7 +297,7 @@ def test_what_a_scene_cannot_have_is_not_added(monkeypatch, sleeps, size):
 
 def test_what_was_chosen_is_on_record(tmp_path, monkeypatch):
     settings = choice.Settings(2e-5, 1e-5, 1e-5, "point", "implicit")
-    made = choice.Choice(settings, 1e-3, 8e-4, 1e-3, False, "the asked error", {})
+    made = choice.Choice(settings, 1e-3, 8e-4, Span(0.0, 1e-3, 2e-5), "the asked error", {})
     monkeypatch.setattr(choice, "choose", lambda *_: made)
     bobbing().to_toml(tmp_path / "scene.toml")
     command = ["run", str(tmp_path / "scene.toml"), "--duration", "1e-3", "--error", "1e-3"]
@@ -318,7 +320,7 @@ def test_trajectories_that_part_end_the_comparison():
     velocity = rng.normal(size=place.shape)
     setup = scene(place, 1e-3, stone, velocity=velocity, law=law(), boundaries=[box])
     pilot = Pilot(setup, 0.2)
-    assert pilot.chaotic and 0 < pilot.window < 0.1
+    assert pilot.span.chaotic and 0 < pilot.span.length < 0.1
 
 
 def test_an_error_must_be_one(tmp_path, capsys):

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from tests.hard import Case
     from tests.hard.witness import Trial
 
-PATIENCE = 60  # s of the processor, for a peer
+PATIENCE = 30  # s of the processor, for a peer
 END = "end.dump"
 DUMP = "dump end all custom {steps} {file} id x y z vx vy vz omegax omegay omegaz\n"
 

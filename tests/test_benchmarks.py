@@ -219,6 +219,42 @@ def test_lammps_is_told_how_a_piston_travels():
         assert invariants.travelled(piston, step * dt) == pytest.approx(expected, abs=1e-12)
 
 
+def thrown(velocity, wall, gravity=(0, 0, 0), friction=0.0, height=1.01):
+    """A sphere without losses against one wall."""
+    law = dem.Law(dem.Hertz(1.0), dem.Mindlin(friction))
+    ball = dem.Spheres([[0, 0, height * edges.R]], edges.R, edges.GLASS, velocity)
+    return dem.Scene(spheres=ball, law=law, boundaries=[wall], gravity=gravity)
+
+
+ASLANT = dem.Plane((0, 0, 0), (0.6, 0, 0.8), edges.GLASS)
+RISES = dem.Piston((0, 0, 0), (0, 0, 1), edges.GLASS, program=((1e-3, 0.0), (1e-2, 9e-4)))
+BELT = dem.Plane((0, 0, 0), (0, 0, 1), edges.GLASS, velocity=(0.2, 0, 0))
+
+
+@pytest.mark.peers
+@pytest.mark.parametrize(
+    ("codes", "scene", "steps", "expected"),
+    [
+        (("lammps",), thrown((0, 0, -0.1), ASLANT, height=1.3), 5000, (0.096, 0, 0.028)),
+        (tuple(peers.BINARIES), thrown((0, 0, 0), RISES), 2500, (0, 0, 0.2)),
+        (
+            tuple(peers.BINARIES),
+            thrown((0, 0, 0), BELT, (0, 0, -9.81), 0.5, height=1.0),
+            20_000,
+            (0.4 / 7, 0, 0),
+        ),
+    ],
+    ids=["aslant", "a piston that sets out late", "a belt"],
+)
+def test_others_are_told_of_walls(codes, scene, steps, expected):
+    """It is thrown back in a mirror, by twice the piston's speed, and rolls on the belt."""
+    for code in filter(peers.available, codes):
+        (row,) = survival._theirs(code, scene, 4e-6, steps)
+        np.testing.assert_allclose(row[3:5], expected[:2], atol=1e-3 * np.linalg.norm(expected))
+        off = 1e-3 * np.linalg.norm(expected) if scene.gravity[2] == 0 else 5e-3
+        np.testing.assert_allclose(row[5], expected[2], atol=off)
+
+
 @pytest.mark.peers
 def test_every_hard_scene_survives_here_and_elsewhere_is_told(capsys):
     missed = run.main(["survival"])

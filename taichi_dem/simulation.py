@@ -2,13 +2,15 @@
 
 import dataclasses
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from halfspace import backend
+from taichi_dem import cost, neglect, summary
 from taichi_dem.alerts import Alerts
 from taichi_dem.asked import refuse_options, refuse_step, steps_asked
 from taichi_dem.coefficients import Coefficients
@@ -17,7 +19,6 @@ from taichi_dem.engine import Engine
 from taichi_dem.exchange import ground_of
 from taichi_dem.ground_view import substrate_state
 from taichi_dem.guards import SimulationStopped
-from taichi_dem.memory import by_effect
 from taichi_dem.periodic import narrow_problem
 from taichi_dem.scene import Scene, Spheres
 from taichi_dem.schedule import Schedule, interruptible
@@ -31,10 +32,6 @@ from taichi_dem.views import (
     relative_overlaps,
 )
 from taichi_dem.writing import Output
-
-if TYPE_CHECKING:
-    from taichi_dem.cost import Cost
-    from taichi_dem.neglect import Neglected
 
 SECONDS_PER_CHUNK = 0.3  # between two looks at the world outside; no result depends on it
 FIRST_CHUNK = 50  # steps
@@ -69,7 +66,7 @@ class Simulation:
         self.scene, self.steps = scene, 0
         self._built_with = scene.spheres
         self.warnings = Alerts(self)
-        self._memo: dict[str, Any] = {}
+        self._memo: dict[str, Any] = {}  # what was asked for in the present state
         self._outcome, self._chunk, self._next_look = "not run yet", FIRST_CHUNK, STEPS_TO_LOOK
         effects = effects_of(scene, energy_balance)
         largest = scene.spheres.radius.max()
@@ -114,7 +111,8 @@ class Simulation:
     def _restart(
         self, spheres: Spheres, dt: float | None, motion: np.ndarray | None = None
     ) -> None:
-        """Without a look at whether the scene makes sense; ``motion`` is that of the boundaries."""
+        """:meth:`restart` with ``spheres`` that are known to be right and do not become those of
+        the scene; ``motion`` is that of the boundaries, if not as in the scene."""
         self._stepping = self._writing = 0.0
         self.warnings.clear()
         self._memo.clear()
@@ -183,8 +181,7 @@ class Simulation:
             self.steps = self._engine.step
         took = time.perf_counter() - start
         self._stepping += took
-        per_step = took / steps
-        self._chunk = max(1, int(SECONDS_PER_CHUNK / per_step))
+        self._chunk = max(1, int(SECONDS_PER_CHUNK * steps / took))
         self.warnings.look_at_substrate(self._engine.ground.doubts())
 
     @property
@@ -227,14 +224,16 @@ class Simulation:
     @property
     def substrate(self) -> SubstrateState | None:
         """The contacts with the substrate now, or None where the scene has none."""
-        if self.scene.substrate is None:
+        if self._surface is None:
             return None
-        return self._once("substrate", self._substrate_state)
+        look = partial(substrate_state, self.scene, self._engine.ground, self._surface)
+        return self._once("substrate", lambda: look(self.particles, self.contacts()))
 
     @property
     def boundaries(self) -> list[BoundaryState]:
         """The boundaries now, in the scene's order."""
-        return self._once("boundaries", self._boundary_states)
+        walls, contacts = self._engine.boundaries, self.contacts
+        return self._once("boundaries", lambda: boundary_states(walls, contacts()))
 
     def energy(self) -> dict[str, float]:
         """J: kinetic, potential by part, dissipated, work put in by moving boundaries, and the
@@ -256,20 +255,16 @@ class Simulation:
         sleep = self._engine.sleep
         return np.zeros(len(self.particles.radius), bool) if sleep is None else sleep.read()
 
-    def neglected(self) -> "list[Neglected]":
+    def neglected(self) -> list[neglect.Neglected]:
         """How much each effect that is off though it would act would change the contact forces in
         the present state; see :mod:`taichi_dem.neglect`. It compiles a simulation for each."""
-        from taichi_dem.neglect import neglected
+        return neglect.neglected(self)
 
-        return neglected(self)
-
-    def effect_costs(self) -> "list[Cost]":
+    def effect_costs(self) -> list[cost.Cost]:
         """What each effect that is on takes of the time of a step in the present state, for which
         :meth:`summary` then says it too; see :mod:`taichi_dem.cost`. It compiles a simulation for
         each. Raises ``SimulationStopped`` where steps from this state are stopped."""
-        from taichi_dem.cost import measure
-
-        return self._once("effect_costs", lambda: measure(self))
+        return self._once("effect_costs", lambda: cost.measure(self))
 
     def coordination(self) -> float:
         """Mean number of contacts of a sphere."""
@@ -283,46 +278,13 @@ class Simulation:
 
     def summary(self) -> dict[str, Any]:
         """What ``summary.json`` says of the simulation, beside its state."""
-        held = by_effect(self._engine)
-        shares = {cost.name: cost.summary() for cost in self._memo.get("effect_costs", ())}
-        lists = self._engine.listing
-        return {
-            "outcome": self._outcome,
-            "driver": self._engine.pace.driver,
-            "threads": backend.THREADS,
-            "precision": backend.PRECISION,
-            "rebuilds": self._engine.rebuilds,
-            "skin_m": self._engine.skin.width,
-            **self._engine.ground.margins(),
-            **({"asleep": int(self.asleep.sum())} if self.effects.sleep else {}),
-            "seconds": {
-                "steps": self._stepping - lists,
-                "contact lists": lists,
-                "output": self._writing,
-            },
-            "effects": {
-                effect.name: {
-                    "on": effect.on,
-                    "reason": effect.reason,
-                    "memory_bytes": held.get(effect.name, 0),
-                    **(shares.get(effect.name, {"share_of_step": None}) if effect.on else {}),
-                }
-                for effect in self.effects.listed
-            },
-        }
+        return summary.of(self)
 
-    def _once(self, name: str, make: Any) -> Any:
+    def _once(self, name: str, make: Callable[[], Any]) -> Any:
+        """What ``make`` gives, kept under ``name`` until the state changes."""
         if name not in self._memo:
             self._memo[name] = make()
         return self._memo[name]
-
-    def _substrate_state(self) -> SubstrateState:
-        assert self._surface is not None
-        ground, records = self._engine.ground, self.contacts()
-        return substrate_state(self.scene, ground, self._surface, self.particles, records)
-
-    def _boundary_states(self) -> list[BoundaryState]:
-        return boundary_states(self._engine.boundaries, self.contacts())
 
     def _energy_parts(self) -> dict[str, float]:
         return self._once("energy", self._engine.energy_parts)
@@ -330,7 +292,5 @@ class Simulation:
 
 def _total(parts: dict[str, float]) -> float:
     """What there is and what was lost, less what was put in."""
-    return (
-        sum(value for part, value in parts.items() if part != "external_work")
-        - parts["external_work"]
-    )
+    there = sum(value for part, value in parts.items() if part != "external_work")
+    return there - parts["external_work"]

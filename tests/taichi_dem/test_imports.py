@@ -21,7 +21,7 @@ LAYERS = {
     "ground_contacts exchange joint pressed creep members hosted lagged integrate meeting step "
     "drivers energy guards views sleep pace ground ground_view on_list good_state engine memory "
     "blocks",
-    "simulation": "alerts asked schedule simulation moments neglect cost",
+    "simulation": "alerts asked schedule summary simulation moments neglect cost",
     "outputs": "style labels wording snapshot frames progress output bed dents plot",
     "tools": "streams folder run oddities check settings record accuracy orders closed_form "
     "worker workers study_point study_result study_plan study_picture study_report study_bench "
@@ -46,6 +46,7 @@ HALFSPACE_IN = {
     "types": {"halfspace.backend"},
     "engine": {"halfspace.backend"},
     "simulation": {"halfspace.backend"},
+    "summary": {"halfspace.backend"},
 }
 LIGHT = {"numpy", "scipy"}  # what a module may import outright, the kernel compiler aside
 

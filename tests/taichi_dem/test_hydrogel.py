@@ -151,7 +151,7 @@ def test_liggghts_script_follows_the_program(tmp_path):
         ({"law": dem.Law(normal=dem.Hooke(1e3, 0.5))}, "Hertz"),
         ({"boundaries": (dem.Plane((0, 0, 0), (0, 1, 1), example.WALL),)}, "axis"),
         (
-            {"boundaries": (dem.Plane((0, 0, 0), (0, 0, 1), example.WALL, velocity=(1, 0, 0)),)},
+            {"boundaries": (dem.Plane((0, 0, 0), (0, 0, 1), example.WALL, velocity=(1, 1, 0)),)},
             "conveyor",
         ),
         (

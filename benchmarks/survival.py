@@ -3,9 +3,10 @@
 Each case runs here and is held to its own bounds; then others run its last scene, as the same
 spheres, walls and laws, for as many steps.  Of them is asked at the end that every number is
 finite, that every sphere is there and on its side of every wall, and that no energy has come from
-nothing.  Refusing a scene or stopping with a reason is no failure; going on with nonsense is, and
-so is every other exception, crash or run without an end.  Of cases that no other can be told only
-that is printed: ``hard_cases`` has them.
+nothing.  Refusing a scene or stopping with a reason is no failure, nor is energy that a step beyond
+the stable one has made, if the code warns of it, which only ours does; going on with nonsense is,
+and so is every other exception, crash or run without an end.  Of cases that no other can be told
+only that is printed: ``hard_cases`` has them.
 """
 
 import argparse

@@ -11,7 +11,9 @@ of their spacing l:
 
     1 - W (G^-1 + W^T K W)^-1 W^T K.
 
-It is positive, as G is, whatever the contacts are; of a square of 20 x 20 with `rho = 7` the matrix
+Sums into nodes are made in a fixed order on the CPU; on a GPU their bits, and what of them gets
+into results that meet the residual, may differ from run to run. It is positive, as G is, whatever
+the contacts are; of a square of 20 x 20 with `rho = 7` the matrix
 has the condition 1.5 with it, and 10 without.
 """
 
@@ -38,7 +40,8 @@ class Coarse:
         low, high = ([float(end(x[:, axis])) for axis in (0, 1)] for end in (_least, _most))
         sides = [b - a for a, b in zip(low, high, strict=True)]
         cells = _cells(len(x))
-        spacing = max(sides) / cells or 1.0
+        self._apart = max(sides) > 0
+        spacing = max(sides) / cells if self._apart else 1.0  # m; of no consequence then
         self._shape = tuple(max(math.ceil(side / spacing * (1 - 1e-9)), 1) + 1 for side in sides)
         self._scale = math.pi * modulus * spacing  # of G^-1
         first, past = zip(*(self._place(x[:, a], low[a], spacing, a) for a in (0, 1)), strict=True)
@@ -60,7 +63,7 @@ class Coarse:
         g, inverse = _influence(self._shape)
         nodes = len(g)
         load = host(self._gathered(stiffness, nodes))
-        if not (g @ load).max() > LEAST_SOFTNESS * self._scale:
+        if not (self._apart and (g @ load).max() > LEAST_SOFTNESS * self._scale):
             return None
         between = np.zeros(nodes * nodes)
         for a, part in self._corners:

@@ -95,9 +95,7 @@ class Problem:
 
     def at(self, d: Array, offset: Array) -> State:
         force, tangent = self._forces(d)
-        if offset is not self._offset:
-            self._plan.refresh(self._x + offset)
-            self._offset = offset
+        self._go_to(offset)
         kind, spheres, n = self._kind, self._spheres, len(d)
         w, slope, lost = kind.zeros(n), None, kind.zeros(n)
         wrong, tilt = kind.zeros_like(offset), 0.0
@@ -120,6 +118,12 @@ class Problem:
         return State(
             d, force, tangent, w, d - reached, missing, offset, wrong, tilt, slope
         )  # fmt: skip
+
+    def _go_to(self, offset: Array) -> None:
+        """Have the plan for contacts there."""
+        if offset is not self._offset:
+            self._plan.refresh(self._x + offset)
+            self._offset = offset
 
     def slope(self, state: State) -> Array:
         """At a state found before."""
@@ -200,6 +204,7 @@ class Problem:
         merit = state.merit
         if merit <= 0.5 * goal:
             return self._kind.zeros_like(state.defect), True
+        self._go_to(state.offset)
         share = min(max(LOOSE * merit / scale, 0.5 * goal / merit), 0.1)
         # Where the law softens, its force is held while the others adapt.
         stiffness = state.tangent.clip(0.0)

@@ -163,7 +163,7 @@ def _listed(
     yield Effect(
         "multi-contact",
         law.surface is not None,
-        "no surface law"
+        idle.get("surface", "no surface law")
         if law.surface is None
         else "each contact of a sphere bulges its surface under the others",
     )

@@ -113,7 +113,8 @@ class LaggedExpansions(Expansions):
             other = self.one(there, place)
             on_own, on_other = self.shapes(k, own, other)
             answer += other.load * on_own
-            self.sum[there, place] += (own.load * on_other).sum()
+            so_far = self.sum[there, place]  # nobody else's: += would be atomic
+            self.sum[there, place] = so_far + (own.load * on_other).sum()
         return -k.compliance * answer
 
     @ti.func

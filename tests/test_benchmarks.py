@@ -248,7 +248,10 @@ BELT = dem.Plane((0, 0, 0), (0, 0, 1), edges.GLASS, velocity=(0.2, 0, 0))
 )
 def test_others_are_told_of_walls(codes, scene, steps, expected):
     """It is thrown back in a mirror, by twice the piston's speed, and rolls on the belt."""
-    for code in filter(peers.available, codes):
+    there = [code for code in codes if peers.available(code)]
+    if not there:
+        pytest.skip(f"none of {', '.join(codes)} is installed")
+    for code in there:
         (row,) = survival._theirs(code, scene, 4e-6, steps)
         np.testing.assert_allclose(row[3:5], expected[:2], atol=1e-3 * np.linalg.norm(expected))
         off = 1e-3 * np.linalg.norm(expected) if scene.gravity[2] == 0 else 5e-3
@@ -257,8 +260,14 @@ def test_others_are_told_of_walls(codes, scene, steps, expected):
 
 @pytest.mark.peers
 def test_every_hard_scene_survives_here_and_elsewhere_is_told(capsys):
+    if not any(peers.available(code) for code in peers.BINARIES):
+        pytest.skip("neither LIGGGHTS nor LAMMPS is installed")
     missed = run.main(["survival"])
-    assert not missed, capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert not missed, printed
+    for code in filter(peers.available, peers.BINARIES):
+        (line,) = (line for line in printed.splitlines() if f"cases run by {code}" in line)
+        assert float(line.split()[4]) > 20
 
 
 def test_every_benchmark_is_listed(capsys):

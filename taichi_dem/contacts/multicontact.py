@@ -82,6 +82,11 @@ class MultiContact:
         return self.exchange == "lagged"
 
     @property
+    def idle(self) -> str:
+        """Why it raises nothing, if so."""
+        return "" if self.prefactor else "prefactor is 0"
+
+    @property
     def history(self) -> tuple[tuple[str, Any], ...]:
         """What the surfaces of i and j have risen by (m), the normal force (N), and, to start the
         solve from, sums of the expansions (m) at the last steps and how many of them there are."""
@@ -127,7 +132,7 @@ class MultiContact:
     @staticmethod
     @ti.func
     def published(k, cosine, here, there, least_square):
-        """M of (B) over -gamma (1+nu) / (2 pi E), 1/m, of two contacts at the distances a_j =
+        """Both M of (B) over -gamma (1+nu) / (2 pi E), 1/m, of two contacts at the distances a_j =
         ``here`` and a_k = ``there``, by the load at k on j and by that at j on k; n_j.n_k is the
         ``cosine``, and r^2 at least ``least_square``.  With f = r n_k.u and g = n_j.u it is
 
@@ -143,10 +148,10 @@ class MultiContact:
         both = ahead * back
         third = 1.0 / (r * both)
         inverse, third_r = third * both, third * r
-        nu, f, g = k.poissons_ratio, near * inverse, far * inverse
-        straight = inverse * (f * g + (3.0 - 4.0 * nu) * cosine)
+        nu, f_r, g = k.poissons_ratio, near * inverse, far * inverse
+        straight = inverse * (f_r * g + (3.0 - 4.0 * nu) * cosine)
         bent = (1.0 - 2.0 * nu) * third_r
-        return straight - bent * ((cosine + g) * back), straight - bent * ((cosine - f) * ahead)
+        return straight - bent * ((cosine + g) * back), straight - bent * ((cosine - f_r) * ahead)
 
     @staticmethod
     @ti.func

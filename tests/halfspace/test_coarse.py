@@ -52,10 +52,12 @@ def of(precondition, n: int) -> np.ndarray:
 
 @pytest.mark.parametrize("softness", [2.0, 7.0, 30.0])
 def test_what_is_large_on_soft_ground_is_gone(softness):
-    least, most, least_left, most_left = ends(square(16), softness)
+    least, most, least_left, most_left = ends(square(20), softness)
     assert most == pytest.approx(1 + softness)
-    assert most_left < 1 + 0.1 * softness
+    assert most_left < 1 + 0.05 * softness
     assert least_left > least - 0.01
+    if softness == 7:
+        assert most / least > 10 and most_left / least_left < 1.6
 
 
 @pytest.mark.parametrize("kind", ["line", "two clusters", "corner"])
@@ -74,8 +76,7 @@ def test_stiff_ground_goes_without():
 def test_one_contact_and_many_at_one_place():
     for n in (1, 5, 50):
         x, k = np.full((n, 2), 3.0), np.full(n, 100.0)
-        p = of(Coarse(x, GROUND.modulus).preconditioner(k), n)
-        assert np.isfinite(p).all()
+        assert Coarse(x, GROUND.modulus).preconditioner(k) is None
 
 
 def test_inverse_by_sweeps():

@@ -8,7 +8,7 @@ import taichi_dem as dem
 from taichi_dem.contacts.elasticity import effective_youngs_modulus
 from tests.hard.kit import Figure
 
-MADE = 0.02  # of the energy at the start, that may appear: the scheme's own wobble and more
+MADE = 0.02  # of the energy at the start: what is more counts as nonsense; no bound of the scheme
 TOUCHING = 6  # contacts a sphere in a packing, each shared by two: twelve spheres can touch one
 
 

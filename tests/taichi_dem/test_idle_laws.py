@@ -20,6 +20,8 @@ NO_FRICTION = "friction coefficient is 0 for every pair of materials"
 NO_ROLLING = "rolling friction coefficient is 0 for every pair of materials"
 NO_HYSTERESIS = "adhesion hysteresis is 0 for every pair of materials"
 NO_WORK = "work of adhesion is 0 for every pair of materials"
+NO_BULK = "prefactor is 0 for every pair of materials"
+SLOTS = {"friction": "tangential", "multi-contact": "surface"}
 IDLE = [
     (dem.Law(HERTZ, dem.Mindlin(0.0)), {"friction": NO_FRICTION}),
     (dem.Law(HERTZ, dem.Mindlin(0, damping=3.0), ROLLS), {"friction": NO_FRICTION}),
@@ -27,6 +29,7 @@ IDLE = [
     (dem.Law(HERTZ, RUBS, dem.CDT(0.0, **WINDS)), {"rolling": NO_ROLLING}),
     (dem.Law(HERTZ, RUBS, dem.CDTJKR(0.0, **WINDS)), {"rolling": NO_WORK}),
     (dem.Law(SLIPS, RUBS, dem.CDTJKR()), {"rolling": NO_WORK}),
+    (dem.Law(HERTZ, surface=dem.MultiContact(prefactor=0.0)), {"multi-contact": NO_BULK}),
     (
         dem.Law(STICKS, dem.Mindlin(0.0), dem.CDTJKR(adhesion_hysteresis=0.0)),
         {"friction": NO_FRICTION, "rolling": NO_HYSTERESIS},
@@ -49,7 +52,7 @@ def tumbling(law, material=GLASS):
 
 def bare(law, off):
     """Without the effects that are ``off``."""
-    return law.without(*({"friction": "tangential"}.get(name, name) for name in off))
+    return law.without(*(SLOTS.get(name, name) for name in off))
 
 
 @pytest.mark.parametrize(("law", "reasons"), IDLE)

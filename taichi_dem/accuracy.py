@@ -63,6 +63,13 @@ def errors(run: Record, reference: Record, last: int) -> dict[str, float]:
     return {name: value for name, value in found.items() if value is not None}
 
 
+def drift_between(run: Record, other: Record, last: int) -> float:
+    """The largest difference between the balances of two runs up to sample ``last``, over the
+    energy that the second has turned over."""
+    run, other = run.until(last), other.until(last)
+    return float(np.abs(run.balance - other.balance).max() / other.turnover.max())
+
+
 def statistics(run: Record) -> dict[str, float]:
     """Numbers that stay meaningful when trajectories have parted: means over all spheres, and over
     the last part of the run."""

@@ -203,8 +203,9 @@ class Bench:
             means = accuracy.ensemble_errors(runs, twin_runs)
             return accuracy.worst({name: error for name, (error, _) in means.items()})
         found = self._errors(runs, twin_runs)
-        if "energy drift" in found:  # which is no difference of two runs
-            found["energy drift"] = point.errors["energy drift"] - self.twin.errors["energy drift"]
+        if "energy drift" in found:
+            last = self.reference.last
+            found["energy drift"] = accuracy.drift_between(runs[0], twin_runs[0], last)
         return accuracy.worst(found)
 
     def _errors(self, runs: list[Record], references: list[Record]) -> dict[str, float]:

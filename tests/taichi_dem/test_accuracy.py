@@ -38,6 +38,14 @@ def test_errors_are_shares_of_what_there_is():
     assert "depression" not in accuracy.errors(other, run, 5)  # which is that of the end
 
 
+def test_drifts_of_opposite_sign_do_not_cancel():
+    run = made()
+    other = dataclasses.replace(run, balance=-run.balance)
+    drift = accuracy.errors(run, run, 8)["energy drift"]
+    assert accuracy.errors(other, run, 8)["energy drift"] == drift
+    assert accuracy.drift_between(other, run, 8) == pytest.approx(2 * drift)
+
+
 def test_a_contact_that_is_missing_counts_in_full():
     run = made()
     none = dataclasses.replace(run, contact=run.contact[:0], force=run.force[:0])

@@ -219,9 +219,9 @@ def test_lammps_is_told_how_a_piston_travels():
         assert invariants.travelled(piston, step * dt) == pytest.approx(expected, abs=1e-12)
 
 
-def thrown(velocity, wall, gravity=(0, 0, 0), friction=0.0, height=1.01):
-    """A sphere without losses against one wall."""
-    law = dem.Law(dem.Hertz(1.0), dem.Mindlin(friction))
+def thrown(velocity, wall, gravity=(0, 0, 0), friction=0.0, height=1.01, restitution=1.0):
+    """A sphere against one wall."""
+    law = dem.Law(dem.Hertz(restitution), dem.Mindlin(friction))
     ball = dem.Spheres([[0, 0, height * edges.R]], edges.R, edges.GLASS, velocity)
     return dem.Scene(spheres=ball, law=law, boundaries=[wall], gravity=gravity)
 
@@ -239,7 +239,7 @@ BELT = dem.Plane((0, 0, 0), (0, 0, 1), edges.GLASS, velocity=(0.2, 0, 0))
         (tuple(peers.BINARIES), thrown((0, 0, 0), RISES), 2500, (0, 0, 0.2)),
         (
             tuple(peers.BINARIES),
-            thrown((0, 0, 0), BELT, (0, 0, -9.81), 0.5, height=1.0),
+            thrown((0, 0, 0), BELT, (0, 0, -9.81), 0.5, height=1.0, restitution=0.5),
             20_000,
             (0.4 / 7, 0, 0),
         ),

@@ -47,8 +47,10 @@ def test_so_it_is_where_all_others_are_on(effect, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("effect", ALONE)
 def test_what_is_on_is_seen_in_the_count(effect, tmp_path):
-    on, off = (dict(counts(name, tmp_path / name)) for name in (effect, "plain"))
-    assert all(on[driver] > off[driver] for driver in DRIVERS)
+    """In all kernels together: one may be shorter, where what was inlined twice is a function."""
+    on, off = counts(effect, tmp_path / "on"), counts("plain", tmp_path / "off")
+    assert sum(number for _, number in on) > sum(number for _, number in off)
+    assert all(dict(on)[driver] != dict(off)[driver] for driver in DRIVERS)
 
 
 @pytest.fixture(scope="module")

@@ -190,6 +190,7 @@ def _model(scene: dem.Scene) -> str:
 
 
 def _laws(scene: dem.Scene) -> list[str]:
+    model = _model(scene)  # or the reason why there is none
     kinds, law = scene.materials, scene.law
 
     def kind(name: str, of: str) -> str:
@@ -216,7 +217,7 @@ def _laws(scene: dem.Scene) -> list[str]:
         lines.append(pair("coefficientFriction", "tangential", "friction"))
     if law.rolling is not None:
         lines.append(pair("coefficientRollingFriction", "rolling", "rolling_friction"))
-    return [*lines, f"pair_style gran {_model(scene)}", "pair_coeff * *"]
+    return [*lines, f"pair_style gran {model}", "pair_coeff * *"]
 
 
 def _surface(scene: dem.Scene) -> list[str]:

@@ -12,9 +12,9 @@ of their spacing l:
     1 - W (G^-1 + W^T K W)^-1 W^T K.
 
 Sums into nodes are made in a fixed order on the CPU; on a GPU their bits, and what of them gets
-into results that meet the residual, may differ from run to run. It is positive, as G is, whatever
-the contacts are; of a square of 20 x 20 with `rho = 7` the matrix
-has the condition 1.5 with it, and 10 without.
+into results that meet the residual, may differ from run to run. The whole is positive, as G is,
+whatever the contacts are; of a square of 20 x 20 with `rho = 7` the matrix has the condition 1.5
+with it, and 10 without.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ class Coarse:
 
     def __init__(self, x: Array, modulus: float) -> None:
         self._kind = kind_of(x)
-        low, high = ([float(end(x[:, axis])) for axis in (0, 1)] for end in (_least, _most))
-        sides = [b - a for a, b in zip(low, high, strict=True)]
+        low = [float(x[:, axis].min()) for axis in (0, 1)]
+        sides = [float(x[:, axis].max()) - low[axis] for axis in (0, 1)]
         cells = _cells(len(x))
         self._apart = max(sides) > 0
         spacing = max(sides) / cells if self._apart else 1.0  # m; of no consequence then
@@ -86,14 +86,6 @@ class Coarse:
         parts = [self._kind.bincount(a, value * part, nodes) for a, part in self._corners]
         result: Array = parts[0] + parts[1] + parts[2] + parts[3]
         return result
-
-
-def _least(x: Array) -> Array:
-    return x.min()
-
-
-def _most(x: Array) -> Array:
-    return x.max()
 
 
 def _part(past: Array, end: int) -> Array:

@@ -11,7 +11,7 @@ import statistics
 import time
 import warnings
 from collections.abc import Callable, Collection, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from taichi_dem.contacts.cdt_jkr import CDTJKR
 from taichi_dem.contacts.hertz import Hertz
@@ -19,10 +19,8 @@ from taichi_dem.effects import effects_of
 from taichi_dem.guards import SimulationStopped
 from taichi_dem.scene import Scene
 from taichi_dem.shapes import Boundary, Piston, Plane
+from taichi_dem.simulation import Simulation
 from taichi_dem.validation import InputError
-
-if TYPE_CHECKING:
-    from taichi_dem.simulation import Simulation
 
 ROUNDS = 5
 SECONDS = 0.3  # of a turn
@@ -137,8 +135,6 @@ class _Course:
 
     def simulation(self, scene: Scene, books: bool) -> Simulation:
         """One of ``scene``, to be run."""
-        from taichi_dem.simulation import Simulation
-
         return Simulation(
             scene, self._dt, driver=self._driver, max_overlap=1.0, energy_balance=books
         )

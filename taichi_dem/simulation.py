@@ -5,12 +5,12 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from halfspace import backend
-from taichi_dem import cost, neglect, summary
+from taichi_dem import summary
 from taichi_dem.alerts import Alerts
 from taichi_dem.asked import refuse_options, refuse_step, steps_asked
 from taichi_dem.coefficients import Coefficients
@@ -32,6 +32,10 @@ from taichi_dem.views import (
     relative_overlaps,
 )
 from taichi_dem.writing import Output
+
+if TYPE_CHECKING:
+    from taichi_dem.cost import Cost
+    from taichi_dem.neglect import Neglected
 
 SECONDS_PER_CHUNK = 0.3  # between two looks at the world outside; no result depends on it
 FIRST_CHUNK = 50  # steps
@@ -255,16 +259,20 @@ class Simulation:
         sleep = self._engine.sleep
         return np.zeros(len(self.particles.radius), bool) if sleep is None else sleep.read()
 
-    def neglected(self) -> list[neglect.Neglected]:
+    def neglected(self) -> "list[Neglected]":
         """How much each effect that is off though it would act would change the contact forces in
         the present state; see :mod:`taichi_dem.neglect`. It compiles a simulation for each."""
-        return neglect.neglected(self)
+        from taichi_dem.neglect import neglected
 
-    def effect_costs(self) -> list[cost.Cost]:
+        return neglected(self)
+
+    def effect_costs(self) -> "list[Cost]":
         """What each effect that is on takes of the time of a step in the present state, for which
         :meth:`summary` then says it too; see :mod:`taichi_dem.cost`. It compiles a simulation for
         each. Raises ``SimulationStopped`` where steps from this state are stopped."""
-        return self._once("effect_costs", lambda: cost.measure(self))
+        from taichi_dem.cost import measure
+
+        return self._once("effect_costs", lambda: measure(self))
 
     def coordination(self) -> float:
         """Mean number of contacts of a sphere."""
